@@ -103,9 +103,9 @@ class _Pool(Executor):
         Raises:
             StrideTwinError: An error that affects all jobs, or the third group in a row whose worker dies.
         """
-        # `versions`: of the code, the same for every worker. `waiting`: groups that have not started. `failed_groups`:
-        # names of the last groups in a row whose worker also died in the repetition
-        versions, waiting, failed_groups = work.versions(), deque(groups), list[str]()
+        versions = work.versions()  # of the code, the same for every worker
+        waiting = deque(groups)  # groups that have not started
+        failed_groups: list[str] = []  # names of the last groups in a row whose worker also died in the repetition
         while waiting:
             running: dict[Future[list[ResultT | Failure]], Sequence[Job[Task]]] = {}  # groups in the pool
             try:
@@ -113,6 +113,7 @@ class _Pool(Executor):
                 while waiting or running:
                     while waiting and len(running) < self.workers:
                         tasks = [job.task for job in waiting[0]]
+                        # a group leaves `waiting` only after `submit`, which fails if the pool has died meanwhile
                         running[self._pool.submit(run_group, work, versions, tasks)] = waiting[0]
                         waiting.popleft()
                     for future in wait(running, return_when=FIRST_COMPLETED).done:
@@ -150,7 +151,7 @@ def _run_alone(
 
 
 def _add_failed_group(failed_groups: Sequence[str], group: Sequence[Job[Task]]) -> list[str]:
-    """Adds a group whose worker died to the names of those before it in a row.
+    """Adds the name of a group whose worker died to the names of those before it in a row, and returns them all.
 
     Raises:
         StrideTwinError: It is the third one.
@@ -187,7 +188,8 @@ class _Cluster(Executor):
         """
         if not groups:
             return
-        client, versions, failed_groups = self._connect(), work.versions(), list[str]()
+        client, versions = self._connect(), work.versions()
+        failed_groups: list[str] = []  # names of the last groups in a row whose worker died
         from distributed import KilledWorker, as_completed
 
         run = uuid4().hex  # another run on the same cluster may have a job of the same name
@@ -204,7 +206,8 @@ class _Cluster(Executor):
                 results: Sequence[ResultT | Failure] = future.result()
                 failed_groups = []
             except KilledWorker:
-                failed_groups, results = _add_failed_group(failed_groups, group), [_DIED] * len(group)
+                failed_groups = _add_failed_group(failed_groups, group)
+                results = [_DIED] * len(group)
             yield from zip(group, results)
             future.release()  # frees the result on the cluster
 

@@ -57,7 +57,7 @@ def hold_folder(
 
 
 def _remove_unfinished(folder: Path) -> None:
-    """Removes all folders of unfinished files in a folder."""
+    """Removes the folder `UNFINISHED` in an output folder, and any other whose name begins like it."""
     for path in folder.glob(f"{UNFINISHED}*"):
         shutil.rmtree(path, ignore_errors=True)
 

@@ -25,8 +25,10 @@ class Forecast:
     """
 
     def __init__(self, size: str, count: int, resume: str) -> None:
-        self._size, self._left, self._resume = size, count, resume
-        self._ended, self._start_s = 0, 0.0  # number of ended jobs; when the first one ended, by the monotonic clock
+        self._size, self._resume = size, resume
+        self._left = count  # number of jobs that have not ended
+        self._ended = 0  # number of jobs that have ended
+        self._start_s = 0.0  # when the first one ended, by the monotonic clock
         self._is_announced = False  # the time left is announced once
 
     def count_job(self, workers: int) -> None:
@@ -35,7 +37,8 @@ class Forecast:
         Args:
             workers: Number of jobs that run at a time.
         """
-        self._ended, self._left = self._ended + 1, self._left - 1
+        self._ended += 1
+        self._left -= 1
         if self._ended == 1:
             self._start_s = time.monotonic()
         # the first job also compiles kernels, so the time is taken from its end on; two more per worker show the speed

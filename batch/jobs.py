@@ -71,7 +71,11 @@ def one_by_one(
 
 
 def content_key(*content: object) -> str:
-    """Digest of everything that determines a row, as JSON: inputs, options, and versions of the code."""
+    """Digest of everything that determines a row (inputs, options, versions of the code): 16 hexadecimal digits.
+
+    Args:
+        *content: What determines the row; JSON must be able to hold it.
+    """
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
 
 

@@ -33,8 +33,8 @@ class RowFiles(Generic[RowT]):
     def read(self, job: Job[Task]) -> RowT | None:
         """The row of a job; None if there is none, or only a damaged one or one with another key."""
         try:
-            stored = json.loads(self.path(job).read_text(encoding="utf-8"))
-            key, row = stored.pop("key"), stored
+            row = json.loads(self.path(job).read_text(encoding="utf-8"))
+            key = row.pop("key")  # the file has the key in the row
             return row if key == job.key else None
         except (FileNotFoundError, *_INVALID):
             return None
@@ -113,9 +113,10 @@ def _read_lines(text: str) -> Iterator[tuple[str, RowT]]:
     for line in text.splitlines():
         try:
             row = json.loads(line)
-            yield row.pop("key"), row  # the row without its key
+            key = row.pop("key")  # the line has the key in the row
+            yield key, row
         except _INVALID:
-            continue  # the last line of a killed run
+            continue
 
 
 RowStore = RowFiles[RowT] | RowLines[RowT]

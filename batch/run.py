@@ -26,7 +26,7 @@ class Batch(Generic[Task, RowT]):
         update_row: From a job and its stored row to its current row, or None if it must be run again.
 
     Attributes:
-        results: Rows by the jobs' keys, and in `run` the failures of jobs.
+        results: By key of a job: its row, or, after `run`, the `Failure` that it has instead.
         missing: Jobs without a row.
         outdated: Number of missing jobs with a row that is damaged or of another version.
     """
@@ -92,7 +92,7 @@ class Batch(Generic[Task, RowT]):
         """Runs the missing jobs on an executor that is opened for them, and announces the time left.
 
         Args:
-            options: Workers.
+            options: Number of workers, or the scheduler; the folder is not used here.
             work: How the rows are made.
             stage: What runs, for progress and forecast.
             progress: Receives the stage and its progress (0-1).
@@ -110,7 +110,7 @@ class Batch(Generic[Task, RowT]):
 
     @property
     def _share(self) -> float:
-        """Share of the jobs that have a result, 0-1."""
+        """Share of the jobs that have a result, 0-1; jobs with equal keys count as one."""
         return len(self.results) / self._count if self._count else 1.0
 
 

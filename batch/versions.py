@@ -1,7 +1,8 @@
 """Version of the code behind a figure: a digest of the relevant sources and of the library versions.
 
-Streams, twin, bodies, catalogue and reference figures count entirely, data included. Of estimators and scenarios, the
-module that computes the figure and all its imports count. Code that only formats tables and pages does not.
+Streams, twin, bodies, catalogue and reference figures (`_WHOLE`) count entirely, data included. Of the packages in
+`_FOLLOWED`, the module that computes the figure and all its imports count. Any other code does not, such as the
+command line's.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ def code_versions(module: str, *, estimators: bool = True) -> dict[str, str]:
         estimators: False leaves the estimators out of the digest, as they do not affect a recorded walk.
 
     Returns:
-        `stridetwin`, the version of the project; `sources`, the digest; and the version of each library by its name.
+        `stridetwin`, the version of the project; `sources`, the digest; and the version of each library in `_NAMED`.
     """
     return {
         "stridetwin": metadata.version("stridetwin"),
@@ -57,7 +58,7 @@ def code_versions(module: str, *, estimators: bool = True) -> dict[str, str]:
 
 @cache
 def class_version(of: type) -> str:
-    """Digest of the sources of a class, such as an installed estimator's.
+    """Digest of the sources of a class, such as an installed estimator's: 16 hexadecimal digits.
 
     Its own file counts, wherever it is installed, and what `digest` covers for its module.
     """
@@ -79,12 +80,12 @@ def digest(module: str, *, estimators: bool = True) -> str:
     files = _data_files() | {
         name: file for name, file in _find_imports(module).items() if estimators or not name.startswith(_ESTIMATORS)
     }
-    hashed = hashlib.sha256(_library_versions().encode())
+    hasher = hashlib.sha256(_library_versions().encode())
     for name in sorted(files):
         text = files[name].read_bytes()
         # name and length keep one file's end apart from the next one's beginning
-        hashed.update(f"{name} {len(text)}\n".encode() + text)
-    return hashed.hexdigest()[:16]
+        hasher.update(f"{name} {len(text)}\n".encode() + text)
+    return hasher.hexdigest()[:16]
 
 
 @cache
@@ -152,6 +153,6 @@ def _parse_imports(source: bytes) -> list[str]:
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
             names += [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom) and node.module:
+        elif isinstance(node, ast.ImportFrom) and node.module:  # not `from . import name`
             names += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
     return names

@@ -125,7 +125,7 @@ class Declaration:
         backends: Implementations of its method, the default first; empty if there is one.
         per_foot: One instance is the estimator of one foot; both feet are run.
         mounts: Possible mounts of its camera; the first that the streams allow is run.
-        parts: Suffix of name and file by frame, for an instance that estimates several paths.
+        parts: For an instance that estimates several paths: by frame, the suffix of the path's name and file.
         supplies_poses: Estimators of terrain and modes use its poses, those of the sensor of its stream `imu`.
         smooths: It takes `Options.lag_s`.
         label: How figures call its paths, beside "left", "right" or "camera"; None means its name.
@@ -171,7 +171,7 @@ class Estimator(Protocol[SampleT, EstimateT]):
 
     @classmethod
     def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
-        """The streams that it takes: topics by role.
+        """The streams that it takes; several of one role are alternatives.
 
         Raises:
             StrideTwinError: The rig, or the options' metadata, does not say what these are.
@@ -194,7 +194,7 @@ class PathEstimate:
         frame: Frame whose path it is, such as `foot_l/imu`.
         path: Poses in the estimator's own world.
         ready_ns: From when on it is scored: an estimator may align to gravity first.
-        nis: Mean squared innovation by its variance, per degree of freedom, by kind of measurement.
+        nis: By kind of measurement: mean squared innovation over its variance, per degree of freedom; 1 if consistent.
         world: Estimates of one world are aligned with the truth together, as the first of them is; "" = each by itself.
         healthy: (N,) whether the estimator considers its pose valid; None if not provided.
         status: (N,) words of the estimator, `TRACKING` among them; None if not provided.

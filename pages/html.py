@@ -53,7 +53,7 @@ def table(
         rows: Cells of each row.
         numbers: Indices of the columns with numbers, which are right-aligned.
         note: Text below it.
-        css: An additional class of its box.
+        css: An additional class of its box; "" for none.
     """
     return render_template("table", head=head, rows=rows, numbers=numbers, note=note, css=f"scroll {css}".strip())
 

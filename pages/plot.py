@@ -26,7 +26,7 @@ _NARROWEST_SCALE = 0.12  # height over width of a figure true to scale; flatter 
 
 
 def data_range(*values: ArrayLike, include: Sequence[float] = (), margin: float = 0.06) -> Range:
-    """The range of an axis: the span of the finite values with a margin; never empty.
+    """The range of an axis: the span of the finite values with a margin; never empty, and about 0 to 1 without any.
 
     Args:
         *values: Arrays of any shape.
@@ -37,21 +37,23 @@ def data_range(*values: ArrayLike, include: Sequence[float] = (), margin: float 
     everything = np.concatenate(parts)
     finite = everything[np.isfinite(everything)]
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
-    # equal values have no span: a tenth of their size is taken
-    pad = margin * (high - low) or max(abs(high), 1.0) * 0.1  # a margin of 0 counts as no span, too
+    # equal values have no span: the margin is a tenth of their size, at least 0.1; so it is for `margin=0`
+    pad = margin * (high - low) or max(abs(high), 1.0) * 0.1
     return low - pad, high + pad
 
 
 def thin(x: Array, y: Array, buckets: int) -> tuple[Array, Array]:
-    """Thins a dense curve without losing its extremes: at most two points per bucket, the lowest and the highest.
+    """Thins a dense curve without losing its extremes: of each bucket, the lowest and the highest point stay.
+
+    Both ends of the curve stay, too, and the first point of a bucket without a value (NaN), so that a gap stays a gap.
 
     Args:
         x: (N,).
-        y: (N,); every gap (NaN) stays a gap.
-        buckets: Number of parts of equal length.
+        y: (N,); NaN where the curve has a gap.
+        buckets: Number of parts with about the same number of points.
 
     Returns:
-        The remaining x and y, all of them if there are at most two per bucket.
+        The remaining x and y; all of them if there are at most two per bucket.
     """
     if len(x) <= 2 * buckets:
         return x, y
@@ -62,7 +64,7 @@ def thin(x: Array, y: Array, buckets: int) -> tuple[Array, Array]:
         if np.isfinite(bucket).any():
             kept |= {begin + int(np.nanargmin(bucket)), begin + int(np.nanargmax(bucket))}
         if not np.isfinite(bucket).all():
-            # the first point without a value keeps the gap
+            # the first point without a value keeps the gap: `argmin` finds the first False
             kept.add(begin + int(np.argmin(np.isfinite(bucket))))
     numbers = sorted(kept)
     return x[numbers], y[numbers]
@@ -71,7 +73,7 @@ def thin(x: Array, y: Array, buckets: int) -> tuple[Array, Array]:
 def join_curves(parts: Iterable[ArrayLike]) -> Array:
     """The (N, 2) rows of all parts, each followed by NaN: separate curves or polygons in one trace."""
     gap = np.full((1, 2), np.nan)
-    pieces = [rows for part in parts for rows in (np.asarray(part, float), gap)]
+    pieces = [rows for part in parts for rows in (np.asarray(part, float), gap)]  # part, gap, part, gap, ...
     return np.concatenate(pieces or [gap])  # without any part, one gap
 
 
@@ -131,7 +133,7 @@ class Plot:
         """
         xs, ys = np.asarray(x, float), np.asarray(y, float)
         if np.all(np.diff(xs) >= 0):  # a curve over x; others, such as paths from above, keep all points
-            xs, ys = thin(xs, ys, _MOST_POINTS // 2)
+            xs, ys = thin(xs, ys, _MOST_POINTS // 2)  # each bucket keeps two points
         line = {"color": color, "width": width, "dash": dash}
         self._add(label, x=_numbers(xs), y=_numbers(ys), mode="lines", line=line)
 
@@ -241,6 +243,7 @@ class Plot:
             y=_numbers(y),
             colorscale="Viridis",
             reversescale=reverse,
+            # with six significant digits, which keeps the page small
             z=[[None if np.isnan(v) else float(f"{v:.6g}") for v in row] for row in z],
             colorbar={"title": {"text": label, "side": "right"}},
             hoverinfo="x+y+z",
@@ -248,6 +251,7 @@ class Plot:
 
     def image(self, x: Range, y: Range, uri: str) -> None:
         """Draws an image below everything else, stretched over the ranges x and y; `uri` is a `data:` URI."""
+        # Plotly places an image by its upper left corner
         self._layout.setdefault("images", []).append(
             {
                 "source": uri,
@@ -263,7 +267,7 @@ class Plot:
         )
 
     def key(self, label: str, color: str) -> None:
-        """Adds an entry to the legend for a colour of an image."""
+        """Adds an entry to the legend for a colour of an image: a trace with one marker that has no place."""
         self._add(label, x=[None], y=[None], mode="markers", marker={"color": color, "symbol": "square", "size": 11})
 
     @property
@@ -285,9 +289,9 @@ class Plot:
     def _add(self, label: str, **trace: Any) -> None:
         """Adds a trace of Plotly; the first one with a label has the entry in the legend."""
         is_first = bool(label) and all(trace.get("name") != label for trace in self._traces)
-        # traces of one group are shown and hidden together
-        named = {"name": label, "legendgroup": label} if label else {"hoverinfo": trace.get("hoverinfo", "x+y")}
-        self._traces.append({"type": "scatter", "showlegend": is_first, **trace, **named})
+        # traces of one group are shown and hidden together; without a label, the text at the pointer shows no name
+        naming = {"name": label, "legendgroup": label} if label else {"hoverinfo": trace.get("hoverinfo", "x+y")}
+        self._traces.append({"type": "scatter", "showlegend": is_first, **trace, **naming})
 
     @property
     def is_stretched(self) -> bool:
@@ -303,7 +307,7 @@ class Plot:
         return aspect if aspect >= _NARROWEST_SCALE else 0.0
 
     def _axes(self) -> dict[str, Any]:
-        """Plotly's layout of the axes."""
+        """Plotly's layout of both axes, with what the pointer shows and whether there is a legend."""
         scaled = self._aspect > 0.0
         y_label = f"{self.y_label} (stretched)" if self.is_stretched else self.y_label
         x_axis: dict[str, Any] = {"title": {"text": self.x_label}}

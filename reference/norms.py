@@ -13,7 +13,7 @@ import yaml
 from stridetwin.streams.samples import Array
 
 _LEG_M = 0.9  # length of the leg that the speeds of the groups belong to
-# speed groups from slow to fast: name, and speed at which the next group begins, m/s
+# speed groups from slow to fast: name, and speed below which a walker belongs to it, m/s
 _GROUPS = (("VerySlow", 0.67), ("Slow", 1.08), ("Free", 1.49), ("Fast", 1.89), ("VeryFast", float("inf")))
 
 
@@ -25,7 +25,12 @@ class MeanAndSd(TypedDict):
 
 
 class EndErrors(TypedDict, total=False):
-    """Published figures of the end of walks by method: left and right; an SD also has two axes."""
+    """Published figures of the end of walks, each by method.
+
+    Attributes:
+        mean_end_error_m: [left, right] foot.
+        end_position_sd_m: [across, along, across, along] the walk: two of the left foot, then two of the right one.
+    """
 
     mean_end_error_m: dict[str, list[float]]
     end_position_sd_m: dict[str, list[float]]
@@ -47,7 +52,13 @@ class Moments(MeanAndSd):
 
 
 class Generality(TypedDict):
-    """Results of Zhao et al. 2023 over all conditions."""
+    """Results of Zhao et al. 2023 over all conditions.
+
+    Attributes:
+        accuracy_pct: Share of right steps, over the walks.
+        camera_pitch_rad: Pitch of the camera.
+        speed_mps: Walking speed.
+    """
 
     accuracy_pct: MeanAndSd
     camera_pitch_rad: Moments
@@ -55,7 +66,18 @@ class Generality(TypedDict):
 
 
 class Zhao2023(TypedDict):
-    """Figures of Zhao et al. 2023 that experiments and reports show; the file has further ones."""
+    """Figures of Zhao et al. 2023 that experiments and reports show; the file has further ones.
+
+    Attributes:
+        generality: Over all conditions.
+        external_disturbance_pct: Accuracy in this trial, as in the next two.
+        unconventional_camera_view_pct: Accuracy in this trial.
+        multi_direction_outdoor_pct: Accuracy in this trial.
+        accuracy_by_condition_pct: By condition, [mean, standard deviation].
+        dvio_bench: By method, `ape_rmse_m`, and sequence of EuRoC: position error, m.
+        zhao_closed_loop_drift_m: By method, [x, y, z]; texts, such as `>10`, where no number is reported.
+        time_ms: By what was timed.
+    """
 
     generality: Generality
     external_disturbance_pct: MeanAndSd
@@ -68,14 +90,21 @@ class Zhao2023(TypedDict):
 
 
 class Huo(TypedDict):
-    """Mean and standard deviation of the errors of Huo et al., as Shim et al. quote them."""
+    """Errors of Huo et al. by mode, such as `LW`, or modes, as Shim et al. quote them: [mean, standard deviation]."""
 
     slope_error_deg: dict[str, list[float]]
     elevation_error_mm: dict[str, list[float]]
 
 
 class Shim2019(TypedDict):
-    """Figures of Shim et al. 2019 that experiments show; the file has further ones."""
+    """Figures of Shim et al. 2019 that experiments show; the file has further ones.
+
+    Attributes:
+        slope_error_deg: By modes, [mean, standard deviation].
+        elevation_error_mm: By mode, [mean, standard deviation].
+        classification_accuracy_pct: Least accuracy of any motion and subject.
+        huo_et_al: Errors of another paper that this one quotes.
+    """
 
     slope_error_deg: dict[str, list[float]]
     elevation_error_mm: dict[str, list[float]]

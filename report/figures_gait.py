@@ -24,10 +24,11 @@ _JOINTS = {
     "knee_flexion": "Knee flexion",
     "ankle_dorsiflexion": "Ankle dorsiflexion",
 }
-_CYCLE = np.linspace(0.0, 100.0, 101)
+_CYCLE = np.linspace(0.0, 100.0, 101)  # parts of the gait cycle at which curves are drawn, %
 _LOAD_PCT = {"first_peak": (10.0, 20.0), "valley": (25.0, 37.0), "second_peak": (43.0, 53.0)}
-"""Where in the gait cycle the vertical load has its peaks and valley at a comfortable speed."""
-_SOLE_M = (0.32, 0.08)  # length and half width of the area whose points are drawn
+"""Where in the gait cycle the vertical load has its peaks and valley at a comfortable speed: begin and end, %."""
+# rectangle whose points of the centre of pressure are drawn: ahead of the heel, from and to, and half of its width
+_SOLE_FROM_M, _SOLE_TO_M, _SOLE_HALF_WIDTH_M = -0.05, 0.32, 0.08
 _PAUSE_NS = 30_000_000  # a longer pause breaks a path of the centre of pressure
 
 
@@ -56,7 +57,7 @@ def level_strides(footprints: list[Footprint]) -> list[Stride]:
     """
     steady = footprints[1:-1]
     strides = []
-    for first, other, last in zip(steady, steady[1:], steady[2:]):
+    for first, other, last in zip(steady, steady[1:], steady[2:]):  # three footprints in a row
         # a stride of one foot with one step of the other within it
         is_stride = first.foot == last.foot != other.foot
         if is_stride and all(p.mode == "LG" and p.terrain == "level" for p in (first, other, last)):
@@ -75,8 +76,8 @@ def over_cycle(stride: Stride, t_ns: NDArray[np.int64], values: Array) -> Array:
         t_ns: (N,) stamps that increase.
         values: (N,) values at the stamps.
     """
-    at = stride.start_ns + _CYCLE / 100.0 * (stride.end_ns - stride.start_ns)
-    return np.interp(at, t_ns, values)
+    instants_ns = stride.start_ns + _CYCLE / 100.0 * (stride.end_ns - stride.start_ns)
+    return np.interp(instants_ns, t_ns, values)
 
 
 def joint_figures(recording: Recording, strides: list[Stride]) -> list[Markup]:
@@ -114,11 +115,11 @@ def ground_reaction_figure(recording: Recording, strides: list[Stride], mass_kg:
         strides: Strides on the level.
         mass_kg: Mass that the feet carry: of the person and of the exoskeleton.
     """
-    loads = {}  # by foot, stamps, ns, and vertical load as a share of the carried weight
+    loads = {}  # by foot: stamps, ns, and vertical load as a share of the carried weight
     for foot in FOOT_NAMES:
         topic = f"/truth/foot_{foot}/wrench"
         if topic in recording.topics and any(s.foot == foot for s in strides):
-            block = recording.block(topic)  # the vertical force as a share of the carried weight
+            block = recording.block(topic)
             load = block.columns["force_in_world"][:, 2] / (mass_kg * NOMINAL_GRAVITY_MPS2)
             loads[foot] = block.t_ns, load
     if not loads:
@@ -172,16 +173,15 @@ def pressure_figure(recording: Recording, footprints: list[Footprint]) -> str:
         if topic not in recording.topics or not prints:
             continue
         block = recording.block(topic)
-        # number of the footprint at each sample, -1 before the first; the last footprint is left out
+        # number of the footprint at each sample, -1 before the first
         of_print = np.searchsorted([p.t_ns for p in prints], block.t_ns, side="right") - 1
         paths = []
-        for i, p in enumerate(prints[:-1]):
+        for i, p in enumerate(prints[:-1]):  # the last footprint has no next one that ends it
             rows = np.flatnonzero(of_print == i)
             local = _in_footprint(block.columns["p_in_world"][rows], p)
             ahead, left = local.T
-            sole_length_m, half_width_m = _SOLE_M
-            inside = (np.abs(left) < half_width_m) & (ahead > -0.05) & (ahead < sole_length_m)
-            # where a part begins after a pause
+            inside = (np.abs(left) < _SOLE_HALF_WIDTH_M) & (ahead > _SOLE_FROM_M) & (ahead < _SOLE_TO_M)
+            # where a part of the path begins after a pause
             breaks = np.flatnonzero(np.diff(block.t_ns[rows][inside]) > _PAUSE_NS) + 1
             # at most some 120 points of each part
             paths += [part[:: max(1, len(part) // 60)] for part in np.split(local[inside], breaks) if len(part)]

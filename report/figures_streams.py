@@ -28,7 +28,7 @@ from stridetwin.streams.samples import (
     Sample,
 )
 
-_DEG = 180.0 / np.pi
+_DEG = 180.0 / np.pi  # from radians to degrees
 WINDOW_S = 6.0  # seconds of each stream that a report shows
 
 
@@ -38,8 +38,8 @@ class Curves:
 
     Attributes:
         title: Such as `Left foot IMU: angular rate, °/s`.
-        values: (N, K) values.
-        labels: K names.
+        values: (N, K) values of K curves at N instants, in the unit that the title names.
+        labels: Names of the K curves.
     """
 
     title: str
@@ -47,6 +47,7 @@ class Curves:
     labels: tuple[str, ...]
 
 
+# names of sensors in titles, where they differ from the last part of the topic
 _SENSOR_NAMES = {"imu": "IMU", "ahrs": "AHRS", "interaction": "cuff", "actuator": "motor"}
 _XYZ = ("x", "y", "z")
 _CURVES: Mapping[type[Sample], tuple[tuple[str, tuple[str, ...], float, tuple[str, ...]], ...]] = {
@@ -101,12 +102,13 @@ def stream_figures(recording: Recording, topics: list[str], window: tuple[float,
         topics: Streams without images.
         window: First and last time, s.
     """
-    figures, faults = [], read_injected_faults(recording.metadata)
+    figures = []
+    faults = read_injected_faults(recording.metadata)
     for topic in topics:
         block = recording.block(topic)
         t = block.t_ns * 1e-9
         inside = (t >= window[0]) & (t <= window[1])
-        if inside.sum() < 2:  # no curve
+        if inside.sum() < 2:  # a single sample gives no curve
             continue
         for curves in curves_of(block):
             values = curves.values[inside]
@@ -147,6 +149,7 @@ def scalar_topics(recording: Recording) -> list[str]:
     """The sensor topics without images and without joints that have no motor, the feet's first."""
     kinds = {t: info.kind for t, info in recording.topics.items() if not t.startswith("/truth/")}
     sensors = recording.rig.others if recording.has_rig else {}
+    # an actuator without a torque limit is a joint that only measures
     without_motor = {t for t, s in sensors.items() if s.kind == "actuator" and "torque_max_nm" not in s.parameters}
     topics = [t for t, kind in kinds.items() if kind not in (Image, Depth) and t not in without_motor]
     return sorted(topics, key=_by_place)
@@ -154,6 +157,7 @@ def scalar_topics(recording: Recording) -> list[str]:
 
 def _by_place(topic: str) -> tuple[int, str]:
     """Sort key of topics: feet first, then head, chest, exoskeleton and others, each by name."""
-    place = topic.split("/")[1]
-    order = next((i for i, p in enumerate(("foot", "head", "chest", "exo")) if place.startswith(p)), 9)
+    places = ("foot", "head", "chest", "exo")
+    place = topic.split("/")[1]  # such as `foot_l`
+    order = next((i for i, beginning in enumerate(places) if place.startswith(beginning)), len(places))
     return order, topic

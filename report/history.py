@@ -18,10 +18,11 @@ _NAMES = 6  # version names below a plot
 def history_page(lines: Sequence[HistoryLine], title: str) -> str:
     """Renders a history as an HTML page: the verdict of each version, and each estimator's scores over the versions."""
     names = list(dict.fromkeys(name for line in lines for name in line["estimators"]))
-    worse = sum(line["verdict"] == WORSE for line in lines)
+    worse_count = sum(line["verdict"] == WORSE for line in lines)
     lead = "Means over the walks, from version to version; where the walks are others, the line is broken."
     sections = [section(name, lead, _plots(name, lines)) for name in names]
-    chips = [f"{len(lines)} versions", f"{lines[-1]['walks']} walks", f"{worse} times worse than the baseline"]
+    chips = [f"{len(lines)} versions", f"{lines[-1]['walks']} walks", f"{worse_count} times worse than the baseline"]
+    # above the estimators
     sections.insert(0, section("Verdicts", "The latest first.", _verdicts(lines)))
     return page(title, "Scores of the estimators, version by version.", chips, sections, "Drawn by stridetwin history.")
 
@@ -42,7 +43,7 @@ def _plot(name: str, metric: str, lines: Sequence[HistoryLine]) -> str:
         lines: The history, the oldest version first.
     """
     values = np.array([line["estimators"].get(name, {}).get(metric, np.nan) for line in lines], float)
-    places = np.arange(len(lines), dtype=float)
+    places = np.arange(len(lines), dtype=float)  # of the versions on the x axis
     plot = Plot(
         title=f"{name} {metric}",
         x=(-0.5, max(len(lines) - 0.5, 0.5)),
@@ -57,8 +58,9 @@ def _plot(name: str, metric: str, lines: Sequence[HistoryLine]) -> str:
     same_walks = np.split(np.arange(len(lines)), np.flatnonzero(walks[1:] != walks[:-1]) + 1)
     plot.curves([np.column_stack([places, values])[part] for part in same_walks], PALETTE[0])
     # beginnings of the sentences about this score; the gate names both feet of an estimator without `_l` or `_r`
-    marked = tuple(f"{output} {metric}:" for output in (name, name.removesuffix("_l").removesuffix("_r")))
-    worse = np.array([any(sentence.startswith(marked) for sentence in line["regressions"]) for line in lines])
+    beginnings = tuple(f"{output} {metric}:" for output in (name, name.removesuffix("_l").removesuffix("_r")))
+    # which versions have such a sentence
+    worse = np.array([any(sentence.startswith(beginnings) for sentence in line["regressions"]) for line in lines])
     is_scored = np.isfinite(values)
     plot.dots(places[is_scored & ~worse], values[is_scored & ~worse], PALETTE[0])
     if worse.any():
@@ -71,7 +73,7 @@ def _labels(lines: Sequence[HistoryLine]) -> list[str]:
 
     Only evenly spaced versions have one, at most `_NAMES`, including the last one; the others have "".
     """
-    every = -(-len(lines) // _NAMES)  # rounded up
+    every = -(-len(lines) // _NAMES)  # every n-th version has a name; rounded up
     from_last = reversed(range(len(lines)))  # how many versions come after each one
     return [str(line["label"])[:8] if later % every == 0 else "" for later, line in zip(from_last, lines)]
 
@@ -83,7 +85,7 @@ def _verdicts(lines: Sequence[HistoryLine]) -> str:
         (line["label"], line["verdict"], line["walks"], Markup("<br>").join(_describe_problems(line)))
         for line in reversed(lines)
     ]
-    return table(head, rows, (2,))
+    return table(head, rows, (2,))  # column 2 has numbers
 
 
 def _describe_problems(line: HistoryLine) -> list[str]:

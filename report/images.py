@@ -42,8 +42,8 @@ class CameraView:
 
 def colour_of_depth(depth: NDArray[np.float32]) -> NDArray[np.uint8]:
     """(H, W, 3) RGB of a depth image in m; near is yellow, far violet, invalid black."""
-    share = (FAR_M - np.clip(depth, NEAR_M, FAR_M)) / (FAR_M - NEAR_M)
-    bgr = cv2.applyColorMap((255 * share).astype(np.uint8), cv2.COLORMAP_PLASMA)
+    nearness = (FAR_M - np.clip(depth, NEAR_M, FAR_M)) / (FAR_M - NEAR_M)  # 1 at `NEAR_M`, 0 at `FAR_M`
+    bgr = cv2.applyColorMap((255 * nearness).astype(np.uint8), cv2.COLORMAP_PLASMA)
     rgb = np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8)
     rgb[depth <= 0] = 0
     return rgb
@@ -53,8 +53,9 @@ def scale_image(image: Image | Depth, width: int) -> NDArray[np.uint8]:
     """Scales an image to a width in pixels: (H, W) grey or (H, W, 3) RGB; depth becomes colours."""
     pixels = image.pixels if isinstance(image, Image) else colour_of_depth(image.depth)
     height = round(pixels.shape[0] * width / pixels.shape[1])
-    kind = cv2.INTER_AREA if isinstance(image, Image) else cv2.INTER_NEAREST
-    return np.asarray(cv2.resize(pixels, (width, height), interpolation=kind), dtype=np.uint8)
+    # pixels of depth are not averaged: between a near and a far one nothing was measured
+    interpolation = cv2.INTER_AREA if isinstance(image, Image) else cv2.INTER_NEAREST
+    return np.asarray(cv2.resize(pixels, (width, height), interpolation=interpolation), dtype=np.uint8)
 
 
 def camera_topics(recording: Recording) -> list[str]:
@@ -84,24 +85,26 @@ def camera_views(
 
     Args:
         recording: The walk.
-        partly: Cameras of which only a part of an image is rendered: the next image with such a part, cropped to it.
+        partly: Topics of cameras of which only a part of some images is rendered. From each of the times on, they give
+            the next image with such a part, cropped to it.
         count: Images of each camera.
         width: Of an image, pixels.
     """
-    # name of the camera's part, by the topics of its images and of its depth
-    parts = {t: c.part for c in recording.rig.cameras.values() for t in (c.topic, c.depth_topic)}
+    # name of the camera's model, by the topics of its images and of its depth
+    models = {t: c.part for c in recording.rig.cameras.values() for t in (c.topic, c.depth_topic)}
     views = []
     for topic in camera_topics(recording):
         info = recording.topics[topic]
         # `count` times inside the walk, without its ends
         moments = np.linspace(info.first_ns, info.last_ns, count + 2)[1:-1].astype(np.int64).tolist()
         if topic in partly:
-            images, note = _find_rendered_parts(recording, topic, moments, width), ", cropped to the rendered part"
+            images = _find_rendered_parts(recording, topic, moments, width)
+            note = ", cropped to the rendered part"
         else:
             images = [(p.t_ns / 1e9, scale_image(p, width)) for p in recording.images(topic, t_ns=moments)]
             note = f", {NEAR_M:g}-{FAR_M:g} m" if info.kind is Depth else ""
         if images:
-            views.append(CameraView(title=f"{topic.strip('/')} ({parts[topic]}){note}", images=images))
+            views.append(CameraView(title=f"{topic.strip('/')} ({models[topic]}){note}", images=images))
     return views
 
 
@@ -139,7 +142,7 @@ def crop_to_rendered(pixels: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
     # nothing is rendered, or the rendered part touches a border of the image
     if min(width, height, x, y, image_width - x - width, image_height - y - height) == 0:
         return None
-    # the smallest 4:3 around it, centred on it and then shifted into the image
+    # the smallest 4:3 around it (narrower where the image is), centred on it and then shifted into the image
     crop_height = max(height, round(width / _ASPECT))
     crop_width = min(round(crop_height * _ASPECT), image_width)
     left = min(max(x + (width - crop_width) // 2, 0), image_width - crop_width)
@@ -177,7 +180,8 @@ def make_film(frames: Iterable[tuple[float, NDArray[np.uint8]]], duration_s: flo
     webm = io.BytesIO()
     with av.open(webm, "w", format="webm", options={"fflags": "+bitexact"}) as film:  # no random identifiers
         stream = film.add_stream("libvpx-vp9", rate=FPS, options=_VP9)
-        stream.pix_fmt, stream.codec_context.thread_count = "yuv420p", 1  # one thread, for equal bytes
+        stream.pix_fmt = "yuv420p"
+        stream.codec_context.thread_count = 1  # for equal bytes
         for t, rgb in frames:
             if not stream.codec_context.is_open:  # the first frame sets the size
                 stream.height, stream.width = rgb.shape[:2]

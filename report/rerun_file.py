@@ -25,7 +25,7 @@ from stridetwin.streams.terrain_truth import Layout, terrain_layout
 if TYPE_CHECKING:
     from rerun import RecordingStream
 
-_GROUND = {"level": (208, 216, 226), "stair": (170, 190, 214), "ramp": (184, 208, 184)}
+_GROUND = {"level": (208, 216, 226), "stair": (170, 190, 214), "ramp": (184, 208, 184)}  # red, green, blue by label
 _IMAGES_HZ, _POSES_HZ, _IMAGE_WIDTH = 5.0, 30.0, 320  # rates, and width in pixels, of what is logged
 
 
@@ -80,10 +80,10 @@ def write_rerun(path: Path, recording: Recording, of_kinds: Sequence[KindEvaluat
 
 
 def _log_terrain(rr: ModuleType, stream: RecordingStream, layout: Layout | None) -> None:
-    """Logs every slab of the terrain as a mesh that reaches down to a common floor."""
+    """Logs every slab of the terrain as a mesh that reaches down to a common floor; nothing without a layout."""
     if layout is None:
         return
-    floor = min(min(s.z0, s.z1) for s in layout.slabs) - 0.1
+    floor = min(min(s.z0, s.z1) for s in layout.slabs) - 0.1  # 10 cm below the lowest end of any slab
     for i, slab in enumerate(layout.slabs):
         # (4, 3) m, corners of the top in order around it, and those below them on the floor; then the four sides
         tops = slab.point([0, slab.length, slab.length, 0], [-slab.right, -slab.right, slab.left, slab.left])
@@ -108,11 +108,12 @@ def _log_true_poses(rr: ModuleType, stream: RecordingStream, recording: Recordin
         block = recording.block(f"/truth/{frame}/odometry")
         t, p, q = thin_out(block.t_ns, _POSES_HZ, block.columns["p_frame_in_world"], block.columns["q_world_frame"])
         entity = f"world/truth/{frame}"
-        stream.log(entity, rr.TransformAxes3D(0.12), static=True)
+        stream.log(entity, rr.TransformAxes3D(0.12), static=True)  # length of the drawn axes, m
         stream.send_columns(
             entity,
             indexes=[rr.TimeColumn("time", duration=t)],
-            columns=rr.Transform3D.columns(translation=p, quaternion=q[:, [1, 2, 3, 0]]),  # x, y, z, w
+            # Rerun's order is x, y, z, w; ours begins with w
+            columns=rr.Transform3D.columns(translation=p, quaternion=q[:, [1, 2, 3, 0]]),
         )
 
 
@@ -130,7 +131,7 @@ def _blueprint(recording: Recording, of_kinds: Sequence[KindEvaluations]) -> Any
     """The viewer's arrangement: the walk and the cameras at the left, outputs and streams at the right."""
     import rerun.blueprint as rrb
 
-    views = {"text": rrb.TextDocumentView, "series": rrb.TimeSeriesView}
+    views = {"text": rrb.TextDocumentView, "series": rrb.TimeSeriesView}  # by the names in `rerun_views`
     cameras = [rrb.Spatial2DView(origin=f"cameras{t}", name=t.strip("/")) for t in camera_topics(recording)]
     series: list[Any] = [  # the views of the outputs, then the streams of both feet
         views[view](origin=entity, name=title)
@@ -143,6 +144,8 @@ def _blueprint(recording: Recording, of_kinds: Sequence[KindEvaluations]) -> Any
         if f"/{name}" in recording.topics
     ]
     # walk above cameras, or the walk alone where there are none
-    left = rrb.Vertical(rrb.Spatial3DView(origin="world", name="walk"), rrb.Grid(*cameras), row_shares=[3, 2])
-    world = left if cameras else rrb.Spatial3DView(origin="world", name="walk")
-    return rrb.Blueprint(rrb.Horizontal(world, rrb.Vertical(*series), column_shares=[3, 2]), collapse_panels=True)
+    walk_and_cameras = rrb.Vertical(
+        rrb.Spatial3DView(origin="world", name="walk"), rrb.Grid(*cameras), row_shares=[3, 2]
+    )
+    left = walk_and_cameras if cameras else rrb.Spatial3DView(origin="world", name="walk")
+    return rrb.Blueprint(rrb.Horizontal(left, rrb.Vertical(*series), column_shares=[3, 2]), collapse_panels=True)

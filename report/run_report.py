@@ -20,7 +20,7 @@ from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.recording.reader import Recording
 
-_RESIDUAL = "/truth/root_residual"
+_RESIDUAL = "/truth/root_residual"  # topic of the external force at a simulated walker's pelvis
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -105,9 +105,10 @@ def _film_section(film: Film | None) -> str:
 
 def _view_section(data: ReportData) -> str:
     """The section with images of each camera; empty without cameras."""
-    # shoe cameras that render nothing but the other shoe's board
-    boards = data.scenario.config.fittings.get("foot_camera", SensorConfig()).frames == "board"
-    partly = [t for t in data.recording.rig.cameras if boards and t.startswith("/foot_")]
+    # whether shoe cameras render nothing but the other shoe's board; without options, as by default
+    shoe_options = data.scenario.config.fittings.get("foot_camera", SensorConfig())
+    renders_boards_only = shoe_options.frames == "board"
+    partly = [t for t in data.recording.rig.cameras if renders_boards_only and t.startswith("/foot_")]
     views = [
         {"title": view.title, "images": [(f"{t:.1f} s", jpeg_uri(pixels, 75)) for t, pixels in view.images]}
         for view in camera_views(data.recording, partly)

@@ -34,7 +34,7 @@ class Run:
     Attributes:
         folder: Folder of the files.
         files: Their names.
-        scores: Estimator to scores.
+        scores: Scores by the name of the output, such as `foot_ins_l`.
     """
 
     folder: Path
@@ -66,14 +66,18 @@ def run_scenario(
         progress: Receives the stage and its progress (0-1).
         film: The report has a film of the walk.
         backend: Of the terrain map, see `Options.backend`.
-        only: Estimators or scores that are asked for, see `score_needs.estimators_of`: the walk has no other sensors,
-            and nothing else is estimated. Empty runs all.
+        only: Estimators or scores that are asked for, see `score_needs.estimators_of`: the walk has no sensors but
+            those that they need, and nothing else is estimated. Empty runs all.
         parameters: Values in place of the estimators' own, see `outputs.parameters`; `scores.json` records them.
+
+    Returns:
+        The folder with the names of its files, and the scores.
 
     Raises:
         StrideTwinError: Any usage error.
     """
-    scenario, folder = to_scenario(scenario), Path(folder)
+    scenario = to_scenario(scenario)
+    folder = Path(folder)
     with explain_import_error("runs need the simulator and its reports", "twin"):
         from stridetwin.report.images import FPS, HEIGHT, WIDTH, make_film
         from stridetwin.report.rerun_file import rerun_installed, write_rerun
@@ -87,6 +91,7 @@ def run_scenario(
         with compile_ahead(*nominal_sensors(scenario.config, seed), estimators):
             twin = make_twin(scenario, seed)
             record(twin, out / "recording.mcap", progress)
+        # faults may leave a recording that is refused unless it is read leniently
         recording = Recording(out / "recording.mcap", lenient=bool(scenario.config.faults))
         progress("estimate", 0.0)
         selection = Selection(only=estimators, backend=backend, parameters=parameters)
@@ -95,6 +100,7 @@ def run_scenario(
         for kind, outputs in run_recording(recording, selection, progress=progress, in_two_processes=True):
             for output in outputs:
                 if not kind.is_empty(output):
+                    # `dead_reckoning`: a path's file also has the poses without tracking
                     kind.write(output, out / f"{output.name}{kind.suffix}", FileOptions(dead_reckoning=True))
             if evaluations := kind.evaluate(outputs, recording):
                 of_kinds.append(KindEvaluations(kind=kind, evaluations=evaluations))
@@ -103,6 +109,7 @@ def run_scenario(
         if parameters:
             document["parameters"] = {name: dict(values) for name, values in parameters.items()}
         (out / "scores.json").write_text(to_json(document), encoding="utf-8")
+        # a generator: without a film nothing is rendered
         frames = _report_frames(twin.film(FPS, WIDTH, HEIGHT), twin.duration_s, progress)
         film_of_walk = make_film(frames, twin.duration_s) if film else None
         progress("report", 0.0)
@@ -136,7 +143,7 @@ def scores_document(
     Args:
         scenario: Scenario of the walk.
         seed: Seed of the walk.
-        scores: Scores by output.
+        scores: Scores by the name of the output.
         fell_at: When the walker fell, s; None without a fall.
         faults: Injected faults.
     """
@@ -149,7 +156,7 @@ def scores_document(
 
 
 def _report_frames(frames: Iterator[Frame], duration_s: float, progress: Progress) -> Iterator[Frame]:
-    """Yields the frames of the film as they are rendered, each after a report of the progress (0-1)."""
+    """Yields the frames of the film, each a time in s and an RGB image, after a report of the progress (0-1)."""
     for t, rgb in frames:
         progress("film", t / duration_s)
         yield t, rgb

@@ -48,5 +48,5 @@ def compose(config: TwinConfig) -> Composition:
     add_soles(spec, size)
     add_bystanders(spec, config.route.bystanders)
     spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_CONTACT  # the forward simulation switches contacts on
-    spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE  # 4.0.0: its sparse factorisation is wrong for Newton
+    spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE  # the sparse one of 4.0.0 is wrong for Newton
     return Composition(spec=spec, terrain=terrain, size=size, sensor_rig=sensors)

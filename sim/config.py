@@ -1,4 +1,8 @@
-"""Configuration of a twin: person, exoskeleton, terrain, gait and rig, as frozen dataclasses in SI and radians."""
+"""Configuration of a twin: person, exoskeleton, terrain, gait and rig, as frozen dataclasses in SI and radians.
+
+A field with `MILLIMETRES` or `DEGREES` has that unit in scenario files, such as `tread_mm` for `tread_m`. Its limits
+(`ge`, `le`) are in the file's unit; its value here is in SI units or radians.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +21,7 @@ from stridetwin.sim.people import Person as Person
 from stridetwin.streams.fields import DEGREES, MILLIMETRES, Number, OneOf, ReadAs
 
 SIDES = ("l", "r")  # left, right
-DIRECTIONS = {"up": False, "down": True}
+DIRECTIONS = {"up": False, "down": True}  # value of a segment's `down` by its word in scenario files
 SPEED_RANGE_MPS = (0.05, 2.1)
 MAX_ASYMMETRY = 0.4
 STAIRS = ("step_over_step", "step_by_step", "two_at_a_time")
@@ -328,7 +332,12 @@ class TwinConfig:
     """Complete definition of a walk; together with a seed it determines every byte of the recording.
 
     Attributes:
+        name: Name of the scenario.
+        route: Terrain and surroundings.
+        person: The person who walks.
         exo: The exoskeleton; None for a person without it, and then without its sensors.
+        gait: How the person walks.
+        physics: `kinematic`, a walk exactly as planned, or `dynamic`, its forward simulation.
         sensors: Groups of sensors that are on: foot_imu, foot_camera, sonar, insole, ahrs, encoder, interaction,
             actuator, head_imu, head_camera; and exo_imu, off by default: the AHRSs' inertial sensors.
         fittings: Groups whose part, rate or clock differs from the standard.

@@ -102,7 +102,12 @@ class Link:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OnLink:
-    """Pose of something on a link: (4, 4) in the frame of the link, with the name of its body."""
+    """Pose of something on a link.
+
+    Attributes:
+        link: Name of the link's body.
+        T_link: (4, 4) pose in the frame of the link, m.
+    """
 
     link: str
     T_link: Array
@@ -140,10 +145,10 @@ class OwnExo:
         legs: Links from the base to the tip, by side.
         cuffs: Cuffs on the legs.
         modules: Powered joints, by their short name (`hip_l`).
-        motors: Sensor part of each powered joint.
+        motors: Sensor part of each powered joint, by its short name.
         encoders: Short names of the joints with an encoder.
         ahrs: AHRS poses, by place (`back`, `thigh_l`).
-        imus: Poses of additional IMUs, and the part of each.
+        imus: Pose and part of each additional IMU, by place.
     """
 
     source: str

@@ -87,7 +87,8 @@ class LiveTwin:
         until_ns = math.floor((self.simulation.time_s - self._latency_s) * 1e9)  # true time of the latest samples
         if until_ns <= self._delivered_ns:
             return []  # nothing new has arrived
-        after_ns, self._delivered_ns = self._delivered_ns, until_ns
+        after_ns = self._delivered_ns
+        self._delivered_ns = until_ns
         return sorted(self._read_samples(self.simulation, after_ns, until_ns), key=lambda sample: sample.t_ns)
 
     def _read_samples(self, simulation: Simulation, after_ns: int, until_ns: int) -> Iterable[Sample]:

@@ -1,4 +1,7 @@
-"""The person who walks, and the walkers of the papers by name."""
+"""The person who walks, and the walkers of the papers by name.
+
+A field with `MILLIMETRES` is in mm in scenario files, and so are its limits; its value here is in m.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +43,7 @@ _ZHAO_CM = {
     "iv": (181.50, 180.80, 183.10),
     "v": (188.00, 186.90, 188.20),
 }
-_ZHAO_BMI = 22.5
+_ZHAO_BMI = 22.5  # kg/m²
 
 PEOPLE: dict[str, Person] = {
     f"shim_s{i}": Person(sex=sex, height_m=height, mass_kg=float(mass), shoe_m=shoe * 1e-3)

@@ -185,8 +185,10 @@ class Player(Generic[AnyWalk]):
         """Poses, velocities and cuff forces at (N,) instants."""
         walk = self._walk
         q, v = walk.position_velocity(t_ns * 1e-9)
-        names, layout = walk.coordinates.names[6:], walk.coordinates  # names of the hinges
+        # layout of the coordinates, and the names of the hinges, which come after the six coordinates of the root
+        names, layout = walk.coordinates.names[6:], walk.coordinates
         tracks = self._tracks(bodies_to_track(walk.size), self._tree, t_ns, q, v)
+        cuffs = [c for c in self._couplings if not c.name.startswith("heel")]  # a heel's coupling is no cuff
         return Motion(
             t_ns=t_ns,
             qpos=q,
@@ -194,7 +196,7 @@ class Player(Generic[AnyWalk]):
             uppers={foot: upper.upper_track(tracks[foot]) for foot, upper in self._uppers.items()},
             angle={name: q[:, layout.qpos[i]] for i, name in enumerate(names)},
             speed={name: v[:, layout.dof[i]] for i, name in enumerate(names)},
-            cuff_force={c.name: _cuff_force(c, tracks) for c in self._couplings if not c.name.startswith("heel")},
+            cuff_force={c.name: _cuff_force(c, tracks) for c in cuffs},
         )
 
     def _tracks(

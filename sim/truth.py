@@ -44,7 +44,7 @@ def truth(
     for topic, imu in rig.imus.items():
         carrier = mount_slips.mount_track(topic, motion.carrier(imu.mount.body)[rows])
         yield _odometry(f"/truth{topic}/odometry", carrier.to_sensor(imu.mount.T_body_sensor))
-    names = walk.coordinates.names[6:]
+    names = walk.coordinates.names[6:]  # of the hinges; the six coordinates of the root come before them
     yield Block(
         topic="/truth/joints",
         kind=Joints,
@@ -86,7 +86,8 @@ def bystander_truth(crowd: Crowd, t_ns: NDArray[np.int64]) -> Iterator[Block[Odo
 def foot_phase(walk: WalkMotion, side: str, t: NDArray[np.floating]) -> NDArray[np.uint8]:
     """(N,) phase of a foot at (N,) s, in the phases of Shim et al. 2019.
 
-    0 swing; 1 contact, from touch-down until the foot is flat; 2 flat, with a pitch below `_FLAT_RAD`; 3 heel off.
+    0 swing; 1 contact, from touch-down until the foot is flat; 2 flat, with less than `_FLAT_RAD` of pitch either way;
+    3 heel off.
     """
     steps = walk.steps[side]
     pitch = walk.pitch(side, t)

@@ -22,7 +22,7 @@ _MISSING = ("missing", "missing_keyword_only_argument", "missing_argument")
 """pydantic's kinds of an error about a key that is missing."""
 _UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument", "invalid_key")
 """pydantic's kinds of an error about a key that is not known."""
-_COUNTED = {2: "two", 3: "three", 4: "four"}
+_COUNTED = {2: "two", 3: "three", 4: "four"}  # numbers of items as words; others stay digits
 _Schema = Mapping[str, Any]
 """A JSON Schema, or a part of one."""
 _Step = str | int
@@ -223,16 +223,17 @@ def _describe_type(schema: _Schema, root: _Schema) -> str:
 
 
 def _describe_list(schema: _Schema, root: _Schema) -> str:
-    """Description of a list: its length as far as it is limited, and its items."""
+    """Description of a list: its length if it is fixed, or else the least one if there is any; and its items."""
     # schemas of the items: one for all, or one for each place, or one that allows anything
     item_schemas = [schema["items"]] if schema.get("items") else schema.get("prefixItems") or [{}]
     items = [_describe_expected(_alternatives(item_schema, root), root) for item_schema in item_schemas]
     match schema:
-        case {"minItems": least, "maxItems": most} if least == most:
+        case {"minItems": least, "maxItems": most} if least == most:  # of fixed length
             contents = f", each {items[0]}" if len(set(items)) == 1 else f": {', '.join(items)}"
             return f"a list of {_COUNTED.get(least, least)} items{contents}"
-        case {"minItems": _}:
-            return f"a list with at least one item, each {items[0]}"
+        case {"minItems": least}:
+            count = "one item" if least == 1 else f"{_COUNTED.get(least, least)} items"
+            return f"a list with at least {count}, each {items[0]}"
     return f"a list of {items[0]}"
 
 

@@ -49,20 +49,37 @@ _RECOGNISERS: Mapping[str, tuple[Recogniser | None, tuple[str, ...]]] = {
 
 
 class VariantCosts(TypedDict):
-    """One walk in one variant: when it fell, s, and the costs of each mode (`compute_costs`)."""
+    """One walk in one variant.
+
+    Attributes:
+        fell_at_s: When the walker fell; None without a fall.
+        modes: By mode, the costs of its steps (`compute_costs`).
+    """
 
     fell_at_s: float | None
     modes: dict[str, dict[str, float]]
 
 
 class AssistanceRow(CaseRow):
-    """The row of a case: what came of each variant, by its key in `VARIANT_NAMES`."""
+    """The row of a case.
+
+    Attributes:
+        ways: What came of each variant, by its key in `VARIANT_NAMES`.
+    """
 
     ways: dict[str, VariantCosts]
 
 
 class VariantSummary(TypedDict):
-    """Figures of one variant over walks, see `collect`."""
+    """Figures of one variant over walks.
+
+    Attributes:
+        walks: Number of walks.
+        fell: Number of walks that ended by a fall.
+        work_j: The wearer's work per walk, mean over the walks without a fall in any variant; None without any.
+        modes: By mode, the figures of `_mode_figures`.
+        gain_share: Only of `predicted`, see `collect`.
+    """
 
     walks: int
     fell: int
@@ -95,12 +112,12 @@ def run_case(case: ExperimentCase, ways: Sequence[str]) -> Row:
 
 
 def collect(results: list[AssistanceRow]) -> Collected[dict[str, VariantSummary], NoPaper]:
-    """Summary over the walks without a fall in any variant.
+    """Summary of each variant: falls on all walks, and costs on the walks without a fall in any variant.
 
     Returns:
-        `summary`: variant to `walks`, `fell` (their number), `work_j` (mean per walk), and `modes`: mode to
-        `_mode_figures`. For `predicted` also `gain_share`: the work that predicted modes save against modes from the
-        legs, as a share of what true modes save; None if true modes save nothing.
+        `summary`: variant to `walks` and `fell`, the numbers of all walks and of those that ended by a fall; `work_j`,
+        mean per walk; and `modes`: mode to `_mode_figures`. For `predicted` also `gain_share`: the work that predicted
+        modes save against modes from the legs, as a share of what true modes save; None if true modes save nothing.
     """
     ways = [way for way in VARIANT_NAMES if all(way in r["ways"] for r in results)]
     # rows of the walks that no variant fell in, so that all variants have walked the whole route
@@ -151,7 +168,7 @@ def _mode_figures(rows: list[AssistanceRow], way: str, mode: str, beside_none: b
     return figures
 
 
-# header, width, and format of a variant's figures; three columns for each mode
+# header, width, and format of a variant's figures; three columns for each mode, such as `{modes[LG][cuff_n]:.0f}`
 _COLUMNS = (
     ("fell", 6, "{fell}"),
     ("J per walk", 12, "{work_j:.0f}"),

@@ -83,13 +83,14 @@ class ExperimentCase:
         return [*self.folder.glob(self.file(".mcap").name), *self.folder.glob(self.file("_*.mcap").name)]
 
     def walks(self) -> list[CaseWalk]:
-        """Walks of the case, in the order of the experiment's combinations."""
+        """Walks of the case, in the order of the experiment's combinations; only for a case with `setup`."""
         assert self.setup is not None
         design = self.setup.design
         walks = []
         for i, combination in enumerate(design.walks(self.seed)):
-            config = make_scenario(design, combination, self.folder).config
-            config = replace(config, sensors=self.setup.sensors or config.sensors, physics=self.physics)
+            scenario_config = make_scenario(design, combination, self.folder).config
+            sensors = self.setup.sensors or scenario_config.sensors  # of the experiment, else of the scenario
+            config = replace(scenario_config, sensors=sensors, physics=self.physics)
             # levels that take turns are the same for all walks of the case, see `labels`
             labels = {name: level for name, level in combination.labels.items() if name not in design.turns}
             # the number keeps walks of the same scenario apart; the first one goes without

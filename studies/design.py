@@ -139,7 +139,7 @@ class Design:
         variables: Set in every walk.
         combinations: Every combination of scenarios and levels of the factors that take no turns; the last factor, the
             faults, changes first.
-        turns: How the levels of the other factors take turns, and these levels.
+        turns: By name of each other factor, how its levels take turns, and these levels.
         first: Seed of the walk in which each of these factors has its first level.
         seeds: Of the walks of each combination.
         user_files: Files of the user's own by the names that they get in the output folder.
@@ -189,14 +189,14 @@ def read_design(file: DesignFile, data: Mapping[str, object], path: Path, *, cro
     where = FieldLocation(source=str(path))
     files = NamedFiles(path, "the study's folder")
     named = [NamedBase(scenario=name) for name in file.scenarios]
-    nodes = data.get("scenarios", [])
+    nodes = data.get("scenarios", [])  # the same names as plain data
     assert isinstance(nodes, list)  # the file has been validated
     bases = files.bases(named, nodes, where.key("scenarios"))
     factors = _read_factors(file, files, where)
     # factors that take turns leave those that are combined
     turns = {name: (turn, factors.pop(name)) for name, turn in _check_turns(file, where).items()}
     if file.faults and cross_faults:
-        # the faults are the last factor, which changes first
+        # the faults are the last factor, which changes first; plain data of the lists of faults, by level
         at, lists = where.key(_FAULTS), data[_FAULTS]
         assert isinstance(lists, dict)
         factors[_FAULTS] = tuple(FactorLevel(name=name, at=at.key(name), faults=tuple(lists[name])) for name in lists)
@@ -225,7 +225,7 @@ def read_design(file: DesignFile, data: Mapping[str, object], path: Path, *, cro
 
 
 def _first_scenario(factors: Iterable[tuple[FactorLevel, ...]], where: FieldLocation) -> tuple[Base, ...]:
-    """The scenario of a design without the key `scenarios`: that of a factor's first level, as one tuple.
+    """The scenario of a design without the key `scenarios`: that of a factor's first level, alone in a tuple.
 
     Args:
         factors: Levels of each factor; one factor must set a scenario in every level.

@@ -30,11 +30,15 @@ from stridetwin.studies.size import SAMPLED, Size, size_of
 from stridetwin.studies.tables import Column, rows_table
 
 _OF_TABLES = ("study", "tables", "report", "columns", "title", "kind", "estimates")
-"""Keys of a file that do not change the rows."""
+"""Keys of a file that do not change the rows: the other ones are `Experiment.content`."""
 
 
 class Hook(FileModel):
-    """A module of the studies; the other keys are arguments of its function."""
+    """A module of the studies; the other keys are arguments of its function.
+
+    Attributes:
+        module: Its name below `stridetwin.studies`.
+    """
 
     model_config = ConfigDict(extra="allow", frozen=True)
     module: str
@@ -49,6 +53,7 @@ class Hook(FileModel):
         return dict(self.model_extra or {})
 
 
+# a text alone is the name of the module
 HookInFile = Annotated[Hook, BeforeValidator(lambda node: {"module": node} if isinstance(node, str) else node)]
 
 
@@ -165,7 +170,7 @@ def read_experiment(path: Path) -> Experiment:
     # without scenarios `run_case` makes its own walks
     has_walks = bool(file.scenarios or file.vary)
     design = read_design(file, data, path, cross_faults=False) if has_walks else None
-    # `hook` names the module of `run_case`, `tables` that of `collect`, which is the same if the file names none
+    # `hook` names the module of `run_case`; `tables` that of `collect`, which is the same unless the file names another
     hook, tables = file.run, file.tables or file.run
     run_module, tables_module = hook.load(), tables.load()
     # what a module may lack: rows for `columns`, and the list of the walks that it makes itself
@@ -179,7 +184,7 @@ def read_experiment(path: Path) -> Experiment:
         module=run_module.__name__,
         content=repr({key: value for key, value in data.items() if key not in _OF_TABLES}),
         kind=file.kind,
-        estimates=file.estimates * max(1, len(file.faults)),
+        estimates=file.estimates * max(1, len(file.faults)),  # a walk is estimated anew with each fault
         adjustable=getattr(run_module, "ESTIMATORS", ()),
         list_configs=None if list_configs is None else partial(list_configs, **hook.arguments),
         run_case=partial(run_module.run_case, **hook.arguments),

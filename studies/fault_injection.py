@@ -27,8 +27,8 @@ def fault_plans(
     """
     assert case.setup is not None
     plans = {}
-    for label, listed in case.setup.faults.items():
-        faults = tuple(each for fault in listed for each in times(fault))
+    for label, faults_of_label in case.setup.faults.items():
+        faults = tuple(timed_fault for fault in faults_of_label for timed_fault in times(fault))
         check_faults(label, faults, rig)
         plans[label] = FaultPlan.of(faults, rig, case.seed, duration_s)
     return plans
@@ -43,5 +43,6 @@ def summarize_by_fault(
         results: Rows of all cases, each with `faults`: label to a result.
         figures: From the results of one fault in all cases to its figures.
     """
-    labels = results[0]["faults"]
+    labels = results[0]["faults"]  # the same in all cases
+    # for each label, `figures` gets what all cases have under it
     return {"summary": {label: figures([r["faults"][label] for r in results]) for label in labels}, "paper": {}}

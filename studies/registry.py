@@ -106,7 +106,7 @@ def run_experiment(
         for job, row in zip(jobs, results):
             if isinstance(row, Failure):
                 raise StrideTwinError(f"{name}: {job.name}: {row.reason}; --resume runs it again")
-        # read from the files, so that reused and new rows are equal to the last bit
+        # rows are read from the files even if they are new, so that they are equal to reused ones to the last bit
         rows = [read_row(store.path(job)) for job in jobs]
         result = study.result(rows)
         if options.parameters:
@@ -123,6 +123,7 @@ def _check_estimators(study: Experiment, chosen: Sequence[str]) -> None:
     Raises:
         StrideTwinError: The message lists the valid ones.
     """
+    # installed estimators are only looked up where some are chosen and the experiment can run any
     valid = list(registry.estimators(study.kind)) if chosen and study.kind else []
     for estimator in chosen:
         if estimator not in valid:
@@ -194,6 +195,6 @@ def _run_case(task: _CaseTask) -> Row:
             file.write_text(task.walks_key, encoding="utf-8")
     with use_parameters(task.case.parameters):
         row = task.run(task.case)
-    if not task.case.keep:  # the recordings are deleted, too
+    if not task.case.keep:  # `run` has then deleted its recordings
         mark.unlink()
     return row

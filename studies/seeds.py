@@ -51,4 +51,4 @@ else:
         ],
         Discriminator(_form),
     ]
-"""Type of the key `seeds`, which becomes a tuple of them."""
+"""Type of the key `seeds`: whatever its form, it becomes the tuple of all seeds."""

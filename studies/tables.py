@@ -48,8 +48,9 @@ def rows_table(
         fell = [f"{walk} {case['seed']}" for case in cases for walk in _to_list(case["fell"])]
         lines.append(f"walks that ended by a fall: {', '.join(fell) or 'none'}")
     summary = [(label, figures) for label, figures in result["summary"].items() if isinstance(figures, Mapping)]
-    figures = list(rows(result)) if rows else summary
-    return [*lines, *table_lines(columns, figures, max(len(label) for label, _ in figures) + 2)]
+    labelled_figures = list(rows(result)) if rows else summary
+    width = max(len(label) for label, _ in labelled_figures) + 2  # two spaces after the longest label
+    return [*lines, *table_lines(columns, labelled_figures, width)]
 
 
 def _to_list(value: object) -> list[object]:

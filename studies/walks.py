@@ -106,7 +106,7 @@ def record_walk(walk: CaseWalk, case: ExperimentCase) -> Iterator[Recording]:
 def record_shoes(case: ExperimentCase) -> Iterator[RecordedWalk]:
     """Records the only walk of a case twice into its folder, or opens the files of an earlier run.
 
-    The files are deleted at the end of the context unless recordings are kept.
+    The files are deleted at the end of the context unless recordings are kept; after an exception they stay.
     """
     shoes_file, wide_file = case.file(".mcap"), case.file("_wide.mcap")
     if not (case.resume and shoes_file.exists() and wide_file.exists()):

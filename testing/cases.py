@@ -94,7 +94,10 @@ class Case:
 
     Args:
         name: Name of the check.
-        suite: The checks of this estimator so far.
+        suite: The verdicts on this estimator, which all of its cases share.
+
+    Attributes:
+        name: Name of the check.
     """
 
     def __init__(self, name: str, suite: _Suite) -> None:
@@ -118,7 +121,11 @@ class Case:
 
 
 class _Suite:
-    """The verdicts on one estimator; each check runs once, when it is first needed."""
+    """The verdicts on one estimator; each check runs once, when it is first needed.
+
+    Attributes:
+        subject: The estimator under test.
+    """
 
     def __init__(self, subject: Subject) -> None:
         self.subject = subject
@@ -131,7 +138,7 @@ class _Suite:
         return self._verdicts[name]
 
     def _run(self, name: str) -> Verdict:
-        """Runs a check, after the one that it requires."""
+        """Runs a check after the one that it requires; it is skipped if that one has not passed."""
         check = CHECKS[name]
         if check.requires and self.verdict(check.requires).outcome != PASSED:
             return Verdict(check=name, outcome=SKIPPED, message=f"needs the check {check.requires}, which did not pass")
@@ -179,6 +186,9 @@ def check_conformance(
         recording: Recording to use in place of the twin's walk, for sensors that the twin does not have.
         only: Names of checks.
         progress: Called with a stage and the share of it that is done.
+
+    Returns:
+        A verdict per check, in the order of `CHECKS`, or of `only`.
 
     Raises:
         ConfigError: A name in `only` is that of no check.

@@ -16,12 +16,14 @@ from stridetwin.streams.samples import Depth, Image, Odometry, Sample
 
 FaultWindow = tuple[float, float]
 """Begin and end of a fault, as shares of the walk's duration."""
-# windows of a fault: on all streams at once, shared by the streams one after another, one more at the end, and their
-# whole span; a long gap; and faults that last until after the walk
-_ALL, _EACH, _LAST, _LONG = (0.30, 0.34), (0.36, 0.54), (0.54, 0.56), (0.30, 0.56)
-_GAP = (0.30, 0.72)
-_FROM_THERE, _FOR_GOOD = (0.30, 2.0), (0.60, 2.0)
-_LATE_S, _JUMP_S, _SHORT_JUMP_S, _FAR_JUMP_S = 0.25, 1.0, 0.4, 100.0  # delay of samples, jumps of stamps
+_ALL = (0.30, 0.34)  # a fault of all streams at once
+_EACH = (0.36, 0.54)  # shared by the streams one after another, each alone
+_LAST = (0.54, 0.56)  # one more fault of all streams after these
+_LONG = (0.30, 0.56)  # one fault over the time of the three
+_GAP = (0.30, 0.72)  # a long gap in all streams
+_FROM_THERE, _FOR_GOOD = (0.30, 2.0), (0.60, 2.0)  # faults that last beyond the end of the walk, 1.0
+_LATE_S = 0.25  # delay of samples
+_JUMP_S, _SHORT_JUMP_S, _FAR_JUMP_S = 1.0, 0.4, 100.0  # jumps of stamps
 _SHARE_OF_RANGE = 0.02  # of a part's range, at which saturated values clip
 _IMAGES = (Image, Depth)
 
@@ -84,7 +86,7 @@ class FaultySamples:
 
     Attributes:
         samples: In the order of arrival.
-        over_at: Number of the first sample after which no fault begins or ends.
+        over_at: Number of the first sample that arrives after the last begin or end of a fault.
     """
 
     samples: list[Sample]
@@ -92,6 +94,7 @@ class FaultySamples:
 
 
 _FLOATS: tuple[type[Sample], ...] = tuple(kind for kind in Sample.__subclasses__() if kind is not Image)
+"""Types of samples whose values can be NaN or infinite; pixels of images are whole numbers."""
 
 FAULT_CASES = (
     FaultCase(
@@ -176,10 +179,10 @@ FAULT_CASES = (
 
 
 def inject(case: FaultCase, samples: Sequence[Sample], rig: Rig) -> FaultySamples | None:
-    """The samples of a walk as they arrive under a fault; None if it concerns none of the streams.
+    """The samples of a walk as they arrive under a fault; None if one of its injections concerns no stream.
 
     Args:
-        case: The fault.
+        case: The fault, with at least one injection.
         samples: Samples in time order.
         rig: Names the parts, whose ranges saturate.
     """
@@ -193,7 +196,7 @@ def inject(case: FaultCase, samples: Sequence[Sample], rig: Rig) -> FaultySample
         topics = [topic for topic, stream in streams.items() if _concerns(injection, stream, rig)]
         for number, topic in enumerate(topics):
             fault = injection.create(topic)
-            events = _events(injection, fault, topic, number / len(topics), len(topics), samples, _part(rig, topic))
+            events = _events(injection, fault, topic, number, len(topics), samples, _part(rig, topic))
             if events:
                 memory: dict[object, object] = {}  # what the fault keeps between samples; `flush` gives the rest
                 streams[topic] = [*fault.process(streams[topic], events, memory), *fault.flush(memory)]
@@ -201,10 +204,11 @@ def inject(case: FaultCase, samples: Sequence[Sample], rig: Rig) -> FaultySample
                 begins_ns = [event.from_ns for event in events]
                 ends_ns = [event.until_ns for event in events if event.until_ns <= samples[-1].t_ns]
                 last_ns = max(last_ns, *begins_ns, *ends_ns)
-        if not topics:  # one part of the fault acts on no stream
+        if not topics:
             return None
     arrivals = sorted((arrival for stream in streams.values() for arrival in stream), key=_order)
     over_at = next((i for i, arrival in enumerate(arrivals) if arrival.log_ns > last_ns), len(arrivals))
+    # all of these arrivals are samples; in a scenario they may also be blocks
     return FaultySamples([arrival.item for arrival in arrivals if isinstance(arrival.item, Sample)], over_at)
 
 
@@ -224,7 +228,7 @@ def _concerns(injection: Injection, stream: Sequence[SampleInTransit], rig: Rig)
 
 
 def _events(
-    injection: Injection, fault: TimedFault, topic: str, first: float, count: int, samples: Sequence[Sample], part: str
+    injection: Injection, fault: TimedFault, topic: str, number: int, count: int, samples: Sequence[Sample], part: str
 ) -> tuple[Event, ...]:
     """Events of a fault on one topic: in the common windows, then in the topic's share of the window `each`.
 
@@ -232,8 +236,8 @@ def _events(
         injection: The windows.
         fault: The fault.
         topic: Topic that it acts on.
-        first: Number of the topic among those of the injection, divided by their number.
-        count: Their number.
+        number: Number of the topic among those of the injection, from 0.
+        count: How many topics these are.
         samples: All samples of the walk, which give its begin and duration.
         part: Name of the sensor's part.
     """
@@ -241,6 +245,7 @@ def _events(
     windows = list(injection.windows)  # as shares of the duration
     if injection.each is not None:
         begin, width = injection.each[0], injection.each[1] - injection.each[0]
+        first = number / count  # where the topic's share of this window begins, 0-1
         windows.append((begin + width * first, begin + width * (first + 1.0 / count)))
     return tuple(
         Event(

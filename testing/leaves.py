@@ -35,7 +35,8 @@ class Leaf:
         path: Place of the value, such as `pose.covariance` or `steps[0].t_sd_s`.
         name: Name of the field.
         owner: Type of the object that has the field.
-        value: A copy of the value: an array, a number, a text or None.
+        value: A copy of the value: an array, a number, a text or None. Whole numbers and truth values are arrays
+            without dimensions.
     """
 
     path: str
@@ -70,6 +71,7 @@ class Leaf:
                 return True
         elif self.value.dtype.kind not in "fc" or np.isfinite(self.value).all():  # f and c: floats, complex numbers
             return True
+        # some number is not finite: only +inf as a standard deviation, or a value that may be unknown, is in order
         if self.is_standard_deviation:
             return self.may_be_unknown or bool(np.all(np.isfinite(self.value) | (np.asarray(self.value) == np.inf)))
         return self.may_be_unknown

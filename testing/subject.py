@@ -18,7 +18,7 @@ from stridetwin.testing.leaves import Leaf, difference, field_of, flatten
 from stridetwin.testing.samples import find_changed_field, overwrite
 from stridetwin.testing.walk import Walk, find_walk
 
-_HOME = Path(__file__).resolve().parents[1]  # folder of the project's packages
+_TESTING = Path(__file__).resolve().parent  # folder of this package, which has the checks
 
 
 class ConformanceError(AssertionError):
@@ -66,12 +66,15 @@ class PathUpdate(Protocol):
 
 
 class Subject:
-    """One estimator under test.
+    """One estimator under test; what runs on its walk is kept, so that several checks share it.
 
     Args:
         estimator_class: An `Estimator`; or a class with `update` alone, as `score --estimator` takes.
         options: Its options; None for the defaults.
         recording: Recording to use in place of the twin's walk.
+
+    Attributes:
+        estimator_class: The class with the whole interface of an estimator.
     """
 
     def __init__(self, estimator_class: type, options: Options | None = None, recording: Path | None = None) -> None:
@@ -129,11 +132,12 @@ class Subject:
     @cached_property
     def buffer_run(self) -> BufferRun:
         """Estimates of one instance while the caller reuses the buffers of the samples."""
-        estimator, returned, changed = self.create(), list[Returned](), ""
+        estimator = self.create()
+        returned: list[Returned] = []
+        changed = ""  # the first array that `update` itself has changed, in words
         for i, original in enumerate(self.walk.samples):
             sample = copy_sample(original)
             estimate = call_update(estimator, sample)
-            # the first array that `update` itself has changed
             if not changed and (field := find_changed_field(sample, original)):
                 changed = f"{field} of the sample of {sample.topic} at {sample.t_ns * 1e-9:.3f} s"
             overwrite(sample)
@@ -172,7 +176,7 @@ def describe(error: BaseException) -> str:
     """An exception in one line: type, message, and where in the author's code it arose."""
     frames = traceback.extract_tb(error.__traceback__)
     # calls that are not of these checks; the innermost one is last
-    outside = [f for f in frames if not Path(f.filename).resolve().is_relative_to(_HOME / "testing")]
+    outside = [f for f in frames if not Path(f.filename).resolve().is_relative_to(_TESTING)]
     place = ""
     if outside:
         innermost = outside[-1]
@@ -239,8 +243,9 @@ def _with_interface(estimator_class: type) -> type[AnyEstimator]:
             return tuple(Stream(role=topic, topic=topic, kind=kinds.get(topic, Sample)) for topic in topics)
 
         def update(self, sample: Sample) -> object:
-            """The pose, with the frame that the class names."""
-            estimate, frame = self._inner.update(sample), getattr(inner_class, "frame", "")
+            """What the class returns; a pose without a frame gets the one that the class names in `frame`, if any."""
+            estimate = self._inner.update(sample)
+            frame = getattr(inner_class, "frame", "")
             if isinstance(estimate, Pose) and frame and not estimate.frame:
                 return replace(estimate, frame=frame)
             return estimate

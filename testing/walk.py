@@ -27,15 +27,15 @@ from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Rig
 from stridetwin.streams.samples import Footprint, Odometry, Sample
 from stridetwin.streams.trajectory import Trajectory
 
-_NAME, _SEED = "conformance", 1
-_LENGTH_M, _STAND_S = 2.0, 1.0
+_NAME, _SEED = "conformance", 1  # of the twin's walk
+_LENGTH_M, _STAND_S = 2.0, 1.0  # way, and time of standing at its start and end
 _SMALL_SENSORS = ("foot_imu", "sonar", "insole", "ahrs", "exo_imu", "encoder", "interaction", "actuator", "head_imu")
 _CAMERAS = ((), ("head_camera",), ("foot_camera",), ("head_camera", "foot_camera"))
 """Cameras of the walk; the first set with most of the estimator's streams is rendered: images take most of the time."""
 _CAMERA_RATES_HZ = {"head_camera": 10.0, "foot_camera": 5.0}
 _IMAGE_SCALE = 0.5
 """Scale of the cameras' widths and heights in pixels; the field of view stays."""
-_SYNTHETIC_EYES_M, _SYNTHETIC_POSE_HZ = 1.6, 100
+_SYNTHETIC_EYES_M, _SYNTHETIC_POSE_HZ = 1.6, 100  # height and rate of the poses without MuJoCo
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,7 +63,7 @@ class Walk:
 
     @property
     def samples(self) -> tuple[Sample, ...]:
-        """Samples of the estimator's streams in time order; `update` must get copies of them."""
+        """Samples of the streams that `update` takes, in time order, poses included; it must get copies of them."""
         topics = [s.topic for s in self.streams if s.live and s.topic != POSES]
         return _read_samples(self.recording.path, self.pose_topic, tuple(dict.fromkeys(topics)))
 
@@ -108,13 +108,12 @@ def find_walk(estimator_class: type[AnyEstimator], options: Options | None, reco
     counts: list[int] = []  # per set of cameras, how many of the estimator's live streams the walk then has
     for cameras in _CAMERAS:
         rig, metadata = _nominal_rig(cameras, mount)
+        # an estimator may raise anything for a rig without its sensors; a check of its own reports that
         try:
             streams = estimator_class.streams(rig, replace(options, metadata=metadata, source=_NAME))
             _require_topics(streams, rig.topics)
             counts.append(len(rig.topics.intersection(stream.topic for stream in streams if stream.live)))
-        except (
-            Exception
-        ) as error:  # an estimator may raise anything for a rig without its sensors, which a check reports
+        except Exception as error:
             problem = error
             counts.append(0)
     if max(counts):  # the first set of cameras with most streams
@@ -132,11 +131,12 @@ def missing_roles(streams: Iterable[Stream], topics: Iterable[str]) -> list[str]
         streams: Streams of an estimator; only those that are required count.
         topics: Available topics.
     """
-    available, topics_by_role = set(topics), dict[str, list[str]]()
+    available = set(topics)
+    topics_by_role: dict[str, list[str]] = {}
     for stream in streams:
         if stream.required and stream.topic != POSES:
             topics_by_role.setdefault(stream.role, []).append(stream.topic)
-    return [" or ".join(of_role) for of_role in topics_by_role.values() if not available.intersection(of_role)]
+    return [" or ".join(role_topics) for role_topics in topics_by_role.values() if available.isdisjoint(role_topics)]
 
 
 def rig_of(recording: Recording) -> Rig:
@@ -290,19 +290,19 @@ def _synthetic_walk(estimator_class: type[AnyEstimator], options: Options) -> Wa
     from stridetwin.run.warm_up import synthetic_rig, write_synthetic_recording
 
     rig = synthetic_rig()
-    with _needing_twin():
+    with _explain_missing_twin():
         streams = estimator_class.streams(rig, options)
-    takes = {s.topic: s.kind for s in streams if s.topic != POSES and s.live}
+    takes = {s.topic: s.kind for s in streams if s.topic != POSES and s.live}  # type of the samples by topic
     # a file of its own for each estimator, as they take other topics
     path = _session_folder() / f"synthetic_{len(list(_session_folder().iterdir()))}.mcap"
     poses = chain.from_iterable(_poses_at_rest(_truth_topic(topic.removeprefix("/"))) for topic in rig.imus)
     recording = write_synthetic_recording(path, takes, more=poses)
-    with _needing_twin():
+    with _explain_missing_twin():
         return _select_streams(estimator_class, options, recording)
 
 
 @contextmanager
-def _needing_twin() -> Iterator[None]:
+def _explain_missing_twin() -> Iterator[None]:
     """Context manager: adds to an error inside it that the simulator, which is not installed, has more sensors."""
     try:
         yield

@@ -43,7 +43,7 @@ _SMEAR_SD = 0.01  # further error of a corner, as a share of the motion that blu
 
 
 def is_complete(grey: NDArray[np.uint8], pattern: BoardPattern, view: View, corners: Array, levels: Array) -> bool:
-    """Whether all squares and the margin around them have their colours, so that no other placement is possible.
+    """Whether nearly all squares and cells of the margin have their colours, so that no other placement is possible.
 
     Args:
         grey: (H, W) image.
@@ -58,7 +58,8 @@ def is_complete(grey: NDArray[np.uint8], pattern: BoardPattern, view: View, corn
     # both levels as planes over the board, fitted to the corners and evaluated at the cells' centres, (C,) each
     plane, *_ = np.linalg.lstsq(_plane_design(corners), levels, rcond=None)
     middle, step = (_plane_design(pattern.cells) @ plane).T
-    # (C,) brightness of each cell: 1 for a bright one, -1 for a dark one, NaN outside the image
+    # (C,) brightness of each cell: 1 for a bright one, -1 for a dark one, NaN outside the image; a half step of less
+    # than one grey level counts as one
     contrast = (sample(grey, view.pixels(pattern.cells)) - middle) / np.maximum(step, 1.0)
     has_colour = contrast * pattern.bright.ravel() > _CLEAR_CONTRAST  # False outside the image
     return int((~has_colour).sum()) <= _MAX_HIDDEN_CELLS
@@ -176,7 +177,7 @@ class BoardDetector:
         """Detects the corners of the board in one image.
 
         With a guess, only that region is searched, in a few milliseconds, and a partly visible or blurred board is
-        detected as well. Without one, the whole image is searched for a whole board, in some ten.
+        detected as well. Without one, the whole image is searched for a whole board, in some ten milliseconds.
 
         Args:
             image: Grey image (H, W) of the camera.

@@ -103,7 +103,8 @@ class BoardPattern:
         corners: (M, 2), v slowest.
         corner_colour: (M,) +1 where the square at +u, +v of the corner is bright, -1 where it is dark.
         cells: (C, 2) centres of the squares and of as many cells of the margin as surround them, v slowest.
-        bright: (rows + 2, columns + 2) +1 where a cell is bright, -1 where it is dark.
+        bright: (rows + 2, columns + 2), for a board of so many rows and columns of squares: +1 where a cell is bright,
+            -1 where it is dark.
 
     Raises:
         ConfigError: Fewer than 3 squares along an edge, or an edge that is the same from both ends.
@@ -185,7 +186,7 @@ class View:
         """The vectors from one square to the next at points of the board.
 
         Args:
-            squares: (N, 2) points, in squares from the board's origin.
+            squares: (N, 2) points, in squares from the board's centre.
 
         Returns:
             (N, 2, 2) pixels: along u in the first row, along v in the second, as central differences over one square.

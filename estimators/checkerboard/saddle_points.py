@@ -38,7 +38,7 @@ _SAMPLE_BLURS = 1.5  # distance between the samples of an average over a motion,
 _MAX_SAMPLES = 12
 _SPARSE_PX2 = 64.0  # larger squares that are smeared use every other pixel each way
 
-_Z_MAX, _PER_Z = 4.0, 64
+_Z_MAX, _PER_Z = 4.0, 64  # the tables below reach from -4 to 4 standard deviations, with 64 entries in each
 _Z = np.linspace(-_Z_MAX, _Z_MAX, int(2 * _Z_MAX * _PER_Z) + 1)
 # an edge from -1 to 1 at z = 0, smoothed by a Gaussian of standard deviation 1, and its slope; `_PER_Z` entries a unit
 _STEP_TABLE = np.append(erf(_Z / math.sqrt(2.0)), 1.0)  # a table is exact to 3e-5 and ten times faster

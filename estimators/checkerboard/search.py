@@ -41,8 +41,8 @@ def view_from_guess(pattern: BoardPattern, lens: DistortionModel, corners_px: Ar
 def find_near(grey: NDArray[np.uint8], pattern: BoardPattern, guess: View, reach_px: float) -> list[View]:
     """Views within `reach_px` of a guess in which the image correlates with the board, the best first.
 
-    They are the guess, shifted along the board by a multiple of a third of a square, and by `_MAX_SQUARES` at most.
-    Empty if nothing correlates, or if the guess has no size in the image.
+    They are the guess, shifted along the board's axes in steps of a square over `_SAMPLES_PER_SQUARE`, by at most
+    `_MAX_SQUARES` squares. Empty if nothing correlates, or if the guess has no size in the image.
     """
     size_px = np.linalg.norm(guess.edges(np.zeros((1, 2)))[0], axis=1)  # (2,) edges of a square along u and v
     if not (size_px > 0).all():  # 0 or NaN
@@ -65,6 +65,7 @@ def find_anywhere(grey: NDArray[np.uint8], pattern: BoardPattern, lens: Distorti
         for quarter in _QUARTERS:
             guess = View.from_points(lens, some_corner + steps @ quarter, rays)
             if guess is not None:
+                # along either edge: a grid found beside the middle is shifted by up to `rows` squares
                 candidates += _correlate_shifts(grey, pattern, guess, rows, rows)
         if candidates:
             candidates.sort(key=lambda candidate: -candidate[0])

@@ -33,7 +33,8 @@ class ContactTerrain:
     Args:
         rig: Not read: the geometry lists the sensors.
         svm: Classifies the steps of `published`; None leaves their modes unknown.
-        options: `method`, one of `METHODS`: the first, or `published`, Shim et al. 2019; `exoskeleton` or `metadata`.
+        options: `method` is one of `METHODS`: `proposed`, or `published`, which is Shim et al. 2019. The geometry is
+            read from the file `exoskeleton` or, without one, from the texts `metadata`.
         exoskeleton: Geometry, in place of that of the options.
         parameters: Parameters of sensors, walkers and buildings; one set serves all.
 

@@ -64,8 +64,10 @@ class CellLoads:
             self._rotating_s += dt
         if self._rotating_s > _STRIDE_S:  # the stride ends: row 0 moves to row 1, and a new row 0 begins
             self._rotating_s = 0.0
-            self._least[1], self._least[0] = self._least[0], force
-            self._most[1:], self._most[0] = self._most[:-1].copy(), force
+            self._least[1] = self._least[0]
+            self._least[0] = force
+            self._most[1:] = self._most[:-1].copy()
+            self._most[0] = force
         if not np.isfinite(self._least[1]).all():  # before the end of the first stride no unloaded output is known
             return force
         load: Array = force - self._least.min(axis=0)

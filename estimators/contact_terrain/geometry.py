@@ -24,11 +24,12 @@ from stridetwin.streams.validation import validate
 from stridetwin.streams.yaml_file import Dumper, parse_yaml, read_yaml
 
 SIDES = ("l", "r")
+"""Letters of the left and the right leg, in the order of arrays over both."""
 METADATA_KEY = "exoskeleton"
 """Key of the geometry file in a recording's metadata."""
-_JOINTS_MAX, _FRAMES_MAX = 3, 99
+_JOINTS_MAX, _FRAMES_MAX = 3, 99  # largest number of joints of a hip or an ankle, and of frames of a leg
 _Angle = Annotated[Number, DEGREES]
-_CellPosition = tuple[Number, Number]
+_CellPosition = tuple[Number, Number]  # x and y on the sole, m
 
 
 def _check_increasing(stops: tuple[float, float]) -> tuple[float, float]:
@@ -244,38 +245,7 @@ def to_text(exo: Exoskeleton) -> str:
 
     A joint without stops has no `range_deg`. The frame of a foot's AHRS is not written, as it is always the last one.
     """
-    legs = {
-        side: {
-            "frames": [
-                {
-                    "alpha_deg": math.degrees(row.alpha),
-                    "a_m": float(row.a),
-                    "d_m": float(row.d),
-                    "theta_deg": math.degrees(row.theta),
-                    "turns": row.turns,
-                }
-                | ({"range_deg": [math.degrees(q) for q in row.stops]} if math.isfinite(row.stops[0]) else {})
-                for row in leg.rows
-            ],
-            "thigh": {
-                "topic": leg.thigh.topic,
-                "frame": leg.thigh.frame,
-                "R_frame_sensor": leg.thigh.R_frame_sensor.tolist(),
-            },
-            "knee": {"topic": leg.knee.topic, "frame": leg.knee.frame, "sign": leg.knee.sign},
-            "foot": {"topic": leg.foot.topic, "R_frame_sensor": leg.foot.R_frame_sensor.tolist()},
-            "sole": {
-                "topic": leg.sole.topic,
-                "T_foot_sole": leg.sole.T_foot_sole.tolist(),
-                "cells_m": leg.sole.cells.tolist(),
-                "heel_x_m": float(leg.sole.heel_x),
-                "hinge_x_m": float(leg.sole.hinge_x),
-                "hinge_z_m": float(leg.sole.hinge_z),
-                "tip_x_m": float(leg.sole.tip_x),
-            },
-        }
-        for side, leg in exo.legs.items()
-    }
+    legs = {side: _leg_to_file_values(leg) for side, leg in exo.legs.items()}
     back = {"topic": exo.back.topic, "R_frame_sensor": exo.back.R_frame_sensor.tolist()}
     values = {
         "description": exo.description,
@@ -284,6 +254,44 @@ def to_text(exo: Exoskeleton) -> str:
         "compliance": _to_file_values(exo.compliance),
     }
     return yaml.dump(values, Dumper=Dumper, sort_keys=False)
+
+
+def _leg_to_file_values(leg: Leg) -> dict[str, object]:
+    """One leg of a file: values by key, angles in degrees, lengths in m."""
+    sole = leg.sole
+    return {
+        "frames": [_row_to_file_values(row) for row in leg.rows],
+        "thigh": {
+            "topic": leg.thigh.topic,
+            "frame": leg.thigh.frame,
+            "R_frame_sensor": leg.thigh.R_frame_sensor.tolist(),
+        },
+        "knee": {"topic": leg.knee.topic, "frame": leg.knee.frame, "sign": leg.knee.sign},
+        "foot": {"topic": leg.foot.topic, "R_frame_sensor": leg.foot.R_frame_sensor.tolist()},
+        "sole": {
+            "topic": sole.topic,
+            "T_foot_sole": sole.T_foot_sole.tolist(),
+            "cells_m": sole.cells.tolist(),
+            "heel_x_m": float(sole.heel_x),
+            "hinge_x_m": float(sole.hinge_x),
+            "hinge_z_m": float(sole.hinge_z),
+            "tip_x_m": float(sole.tip_x),
+        },
+    }
+
+
+def _row_to_file_values(row: DhRow) -> dict[str, object]:
+    """One row of the D-H table of a file: values by key; without `range_deg` where the joint has no stops."""
+    values: dict[str, object] = {
+        "alpha_deg": math.degrees(row.alpha),
+        "a_m": float(row.a),
+        "d_m": float(row.d),
+        "theta_deg": math.degrees(row.theta),
+        "turns": row.turns,
+    }
+    if math.isfinite(row.stops[0]):
+        values["range_deg"] = [math.degrees(q) for q in row.stops]
+    return values
 
 
 def _to_file_values(compliance: Compliance) -> dict[str, float | list[float]]:

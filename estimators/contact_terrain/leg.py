@@ -160,7 +160,7 @@ def leg_angles(leg: Links, R: Array, side: int, knee: float) -> Array:
     Shim 2019 (4)-(10): the hip's follow from the attitudes of back and thigh, the ankle's from those of thigh and foot.
 
     Args:
-        leg: Its links.
+        leg: The leg's D-H table, joints and constant rotations.
         R: (5, 3, 3) frame to world, of the back, the left and the right thigh, and the left and the right foot.
         side: Index of the leg in `SIDES`, 0 left, 1 right.
         knee: Angle of the joint that rotates the knee's frame, rad.
@@ -223,7 +223,7 @@ def foot_position(leg: Links, R: Array, side: int, q: Array) -> tuple[Array, Arr
     left leg come before those of the right. Columns of the other leg, and `SAG`, are 0.
 
     Args:
-        leg: Its links.
+        leg: The leg's D-H table, joints and constant rotations.
         R: (5, 3, 3) frame to world, of the back, the left and the right thigh, and the left and the right foot.
         side: Index of the leg in `SIDES`, 0 left, 1 right.
         q: Angles of all joints, rad, from `leg_angles`.

@@ -105,7 +105,7 @@ class Offsets:
     def posterior(self, step: StepFigures, *, start: bool = False) -> Posterior:
         """Combines a step with the offsets; the stored offsets do not change.
 
-        The state z holds the offsets and, after them, the five errors of the step's vector and slopes. H, (5, n + 5),
+        The state z holds the n offsets and, after them, the five errors of the step's vector and slopes. H, (5, n + 5),
         maps it to the corrections of vector and slopes. Three hypotheses correct it one after the other, each with its
         probability: level ground under this foot; at the start also under the other; both footprints in one plane. Each
         says that the measured value plus its correction is 0, so the value with its sign changed is the measurement.
@@ -202,17 +202,17 @@ def _update(
         for j in range(m):
             squared += innovation[i] * inverse[i, j] * innovation[j]
     density = math.exp(-0.5 * squared) / math.sqrt((2.0 * math.pi) ** m * determinant)
-    share = prior * density / (prior * density + (1.0 - prior) / spread)  # probability that the equation holds
+    probability = prior * density / (prior * density + (1.0 - prior) / spread)  # that the equation holds, given y
     move, moved, updated = np.zeros(n), np.empty(n), np.empty((n, n))
     for i in range(n):
         for j in range(m):
             move[i] += gain[i, j] * innovation[j]
-        moved[i] = z[i] + share * move[i]
+        moved[i] = z[i] + probability * move[i]
     explained = multiply(gain, transposed(PH))
     for i in range(n):
         for j in range(n):  # the mean of both halves: asymmetric rounding errors would grow from step to step
             updated[i, j] = (
-                0.5 * (P[i, j] + P[j, i] - share * (explained[i, j] + explained[j, i]))
-                + share * (1.0 - share) * move[i] * move[j]
+                0.5 * (P[i, j] + P[j, i] - probability * (explained[i, j] + explained[j, i]))
+                + probability * (1.0 - probability) * move[i] * move[j]
             )
-    return moved, updated, share
+    return moved, updated, probability

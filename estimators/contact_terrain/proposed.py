@@ -294,16 +294,22 @@ class Proposed:
             slopes[k] = math.asin(max(-1.0, min(1.0, forward[2])))
             J_slopes[k, columns] = rotation_jacobian(forward, R_world_foot)[2] / math.cos(slopes[k])
         strained = np.array([self._contacts[new].strained, self._contacts[old].strained])
-        exo = self._compliance
+        compliance = self._compliance
         # (2,) rad, of either foot: pitch in its holder, also by the slope, and more with the ankle at its stop
         slope_sd = np.sqrt(
-            exo.slope_sd_rad**2 + (exo.slope_share * slopes) ** 2 + (exo.strained_slope_sd_rad * strained) ** 2
+            compliance.slope_sd_rad**2
+            + (compliance.slope_share * slopes) ** 2
+            + (compliance.strained_slope_sd_rad * strained) ** 2
         )
         # (3,) m: slack and soft soles; an ankle at its stop; of the height, holders that yield under a climb; motion of
         # the frame during double support
-        place_sd = np.hypot(exo.vector_sd_m, exo.strained_sd_m * self._support.strained / self._support.weight)
-        place_sd[2] = math.hypot(place_sd[2], exo.climb_share * max(vector[2], 0.0))
-        place_sd = np.hypot(place_sd, exo.spread_gain * np.maximum(self._support.spread() - exo.steady_m, 0.0))
+        place_sd = np.hypot(
+            compliance.vector_sd_m, compliance.strained_sd_m * self._support.strained / self._support.weight
+        )
+        place_sd[2] = math.hypot(place_sd[2], compliance.climb_share * max(vector[2], 0.0))
+        place_sd = np.hypot(
+            place_sd, compliance.spread_gain * np.maximum(self._support.spread() - compliance.steady_m, 0.0)
+        )
         sd = np.concatenate([place_sd, slope_sd])
         return StepFigures(vector=vector, J_vector=J, slopes=slopes, J_slopes=J_slopes, sd=sd)
 

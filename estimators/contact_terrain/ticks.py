@@ -268,6 +268,7 @@ def _fuse(state: _State, noise: _Noise, measured: Array, rate: Array, fresh: Arr
             continue
         if variance[i] < 0.0 or dt <= 0.0:
             copy_matrix(measured[i], R[i])
+            # the first sample is of a wearer at rest, that after a gap of one who may be moving
             variance[i] = noise.stationary_sd_rad**2 if variance[i] < 0.0 else noise.moving_sd_rad**2
         else:
             turn = np.empty(3)  # by the mean of the rates before and after, rad

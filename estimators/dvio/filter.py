@@ -53,8 +53,8 @@ class DvioEstimate:
         pose: Pose of the IMU; valid unless the odometry is lost.
         camera_pose: Estimated mount, the camera's pose in the IMU's frame; the same object until it changes.
         v_imu_in_world: (3,) m/s, velocity of the IMU.
-        gyro_bias: (3,) rad/s.
-        accel_bias: (3,) m/s².
+        gyro_bias: (3,) rad/s, estimated bias of the gyroscope.
+        accel_bias: (3,) m/s², estimated bias of the accelerometer.
         health: `tracking`; `imu_only`: dead reckoning, for lack of points or images; or `lost`: from a failure until a
             new start. While lost, the pose is frozen and its covariance grows accordingly.
     """
@@ -117,8 +117,8 @@ class Dvio:
     ignored if it is not finite, of an unexpected size, or not later than the last one of its topic.
 
     Args:
-        rig: Calibration.
-        options: `method`, one of `METHODS`, and `mount`, `head` or `chest`.
+        rig: Calibration of camera and IMU.
+        options: `method` is one of `METHODS`; `mount` is `head` or `chest`, "" for the first with a camera and an IMU.
         parameters: Replace those of the method.
 
     Raises:
@@ -179,10 +179,10 @@ class Dvio:
 
     @classmethod
     def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
-        """Camera, IMU, and, where there is one, depth or the second camera of a stereo pair.
+        """Camera, IMU, depth if the rig has a depth camera, and in any case the second camera of a stereo pair.
 
-        Without depth the IMU gives the scale. `update` does not take the second camera: only `follow` does, and
-        computes depth images from the pair.
+        A recording may lack the last two: without depth the IMU gives the scale. `update` does not take the second
+        camera: only `follow` does, and computes depth images from the pair.
 
         Raises:
             StrideTwinError: The rig has no camera with IMU on head or chest.
@@ -226,7 +226,8 @@ class Dvio:
         samples: Iterable[Sample] = recording.samples(topics)
         # no depth camera, but a stereo pair: depth images computed from it join the samples
         if depth not in recording.topics and right in recording.topics and parameters.method.uses_depth:
-            stereo, rig = Stereo(rig.cameras[color], rig.cameras[right], depth), with_stereo(rig, color, depth)
+            stereo = Stereo(rig.cameras[color], rig.cameras[right], depth)
+            rig = with_stereo(rig, color, depth)
             samples = with_depth(recording.samples([*topics, right]), stereo, right)
         odometry = cls(rig, options=Options(method=options.method, mount=mount), parameters=parameters)
         first_image_ns, poses, camera_poses = int(recording.image_times(color)[0]), list[Pose](), list[Pose]()
@@ -261,7 +262,7 @@ class Dvio:
     def update(self, sample: Sample) -> DvioEstimate | None:
         """Takes one sample; returns the new estimate after one of the IMU.
 
-        None if the sample is ignored, is an image (it waits for the IMU), or comes before the start.
+        None if the sample is ignored, is an image or a depth image (they wait for the IMU), or comes before the start.
 
         Raises:
             StrideTwinError: A sample of another topic.

@@ -161,11 +161,11 @@ def integrate(
         if at == start_ns and until == end_ns:
             until = start_ns + (end_ns - start_ns) // 2  # the covariance of a single step is singular
         dt = (until - at) * 1e-9
-        # share: squared density of the noise that is proportional to the rate, (rad/s/√Hz)²
-        sample, share = imu.values[i], 0.0
+        # squared density of the noise that is proportional to the rate, (rad/s/√Hz)²
+        sample, motion_noise2 = imu.values[i], 0.0
         for k in range(3):
-            share += (noise.rate_share * (sample[k] - bias[k])) ** 2
-        rate_density, force_density = math.sqrt(noise.rate**2 + share), noise.force
+            motion_noise2 += (noise.rate_share * (sample[k] - bias[k])) ** 2
+        rate_density, force_density = math.sqrt(noise.rate**2 + motion_noise2), noise.force
         if imu.invalid[i]:
             # A constant error over the interval has the density of its standard deviation times √dt.
             rate_density += noise.invalid_rate * math.sqrt(dt)

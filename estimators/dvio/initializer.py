@@ -223,7 +223,8 @@ def _solve_linear(structure: Structure, z: Preintegration, bias: Array, priors: 
         A[i + 3 : i + 6, -4:-1] = -dt * np.eye(3)
         b[i + 3 : i + 6] = delta_v[k, :, 0]
     if structure.scaled:  # the scale is 1: its column moves to the right-hand side
-        b, A = b - A[:, -1], A[:, :-1]
+        b = b - A[:, -1]
+        A = A[:, :-1]
     x: Array = np.asarray(np.linalg.lstsq(A, b, rcond=None)[0], float)
     scale, g = (1.0 if structure.scaled else float(x[-1])), x[3 * K : 3 * K + 3]
     size = float(np.linalg.norm(g))
@@ -278,7 +279,7 @@ def _refine(s: CameraMotion, structure: Structure, z: Preintegration, rates: Arr
     for step in range(_STEPS):
         if step == 0 or large:
             r, J = _residual_jacobian(s, z, rates, priors.gravity)
-        else:
+        else:  # J of an earlier step is used again
             r = _residuals(s, z, rates, priors.gravity, np.zeros((1, 1, _LOCAL)))[0]
         H, b = np.diag(prior), -prior * deviation
         H[:V, :V] += structure.information  # on the cameras, whose errors come first

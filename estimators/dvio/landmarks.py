@@ -30,8 +30,8 @@ from stridetwin.streams.algebra.matrices import REORDERED, clear, clear_block, m
 from stridetwin.streams.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
 
-POSE = 6
-LEAST_INVERSE_DEPTH, MOST_INVERSE_DEPTH = 0.01, 10.0
+POSE = 6  # errors of a frame that the camera factors depend on: position and attitude
+LEAST_INVERSE_DEPTH, MOST_INVERSE_DEPTH = 0.01, 10.0  # 1/m; limits of a landmark's inverse depth
 _FRONT = 0.05  # least depth of a point in front of the camera, relative to the host's depth
 _LOOSE = 1e-2  # m²; information on an unknown inverse depth: a standard deviation of 10/m
 _FIXED = 1e12  # m²; on a fixed one
@@ -135,7 +135,7 @@ def _add_landmark(
         if j == host or not marks.seen[l, j]:
             continue
         # where the landmark should be in frame j, its inverse depth there, and whether it is in front of the camera
-        px, py, depth, in_front = projection.project(
+        px, py, inverse_depth, in_front = projection.project(
             views.rotation[host, j], views.translation[host, j], x, y, xi, projection.LEAST_DEPTH
         )
         if not in_front or not projection.observation_jacobian(frames, calibration, views, host, j, x, y, xi, J, Jl):
@@ -151,14 +151,14 @@ def _add_landmark(
         cost += c
         rho = marks.rho[l, j]
         if factors.projection_depth and rho > 0.0:
-            r2 = scale * depth - rho  # docs/dvio.md (9)
+            r2 = scale * inverse_depth - rho  # docs/dvio.md (9)
             c, w = projection.huber(r2 * r2 * factors.later_depth_weight, factors.huber_sd)
             w2 = w * factors.later_depth_weight
             cost += c
             for i in range(projection.OBSERVATION):
                 J[2, i] *= scale
             Jl[2] *= scale
-            J[2, D_SCALE] = depth
+            J[2, D_SCALE] = inverse_depth
         J[0, projection.RESIDUAL] = r0
         J[1, projection.RESIDUAL] = r1
         J[2, projection.RESIDUAL] = r2
@@ -197,14 +197,14 @@ def _eliminate(s: CameraEquations, l: int, host: int, seen: NDArray[np.uint8], l
         seen: (F,) 1 where a frame observes it; the landmark is linked to these, its host and the calibration alone.
         last: Newest frame that counts.
     """
-    cross, share = s.cross[l], 1.0 / s.depth_information[l]
+    cross, variance = s.cross[l], 1.0 / s.depth_information[l]  # 1 / h_ll
     for k in range(-1, last + 1):  # -1 is the calibration
         if k >= 0 and k != host and not seen[k]:
             continue
         start = 0 if k < 0 else CALIBRATION + POSE * k
         end = CALIBRATION + POSE * (k + 1)
         for i in range(start, end):
-            f = cross[i] * share  # h / h_ll
+            f = cross[i] * variance  # entry of h_l / h_ll
             s.b[i] -= f * s.b_depth[l]
             row = s.H[i]
             for e in range(end):
@@ -354,20 +354,21 @@ def predict_observations(
         if h == NO_HOST:
             continue
         x, y = projection.to_ray(c, marks.at[l, h, 0], marks.at[l, h, 1])
-        u, v, depth, in_front = projection.project(A[h], t[h], x, y, xi, _FRONT)  # depth: inverse depth
+        u, v, inverse_depth, in_front = projection.project(A[h], t[h], x, y, xi, _FRONT)  # in the new camera
         u_before, v_before, _, was_in_front = projection.project(A_before[h], t_before[h], x, y, xi, _FRONT)
         if not (in_front and was_in_front):
             continue
         known[l] = 1
         # observations are by the nominal focal lengths, u and v by the estimated ones
-        expected[l, 0], expected[l, 1], expected[l, 2] = u / (1.0 + c.focal[0]), v / (1.0 + c.focal[1]), depth
+        expected[l, 0], expected[l, 1] = u / (1.0 + c.focal[0]), v / (1.0 + c.focal[1])
+        expected[l, 2] = inverse_depth
         start[l, 0], start[l, 1] = u_before / (1.0 + c.focal[0]), v_before / (1.0 + c.focal[1])
         # derivative of (u, v) by the host's (x, y) on the landmark's plane, where ξ changes by `slope`
         for j in range(2):
             slope = marks.slope[l, j]
             by_depth = A[h, 2, j] + t[h, 2] * slope
-            warp[l, 0, j] = (A[h, 0, j] + t[h, 0] * slope - u * by_depth) * depth / xi
-            warp[l, 1, j] = (A[h, 1, j] + t[h, 1] * slope - v * by_depth) * depth / xi
+            warp[l, 0, j] = (A[h, 0, j] + t[h, 0] * slope - u * by_depth) * inverse_depth / xi
+            warp[l, 1, j] = (A[h, 1, j] + t[h, 1] * slope - v * by_depth) * inverse_depth / xi
 
 
 @njit(error_model="numpy", **INNER_KERNEL)
@@ -409,7 +410,9 @@ def cull(
                 continue
             A, t = views.rotation[h, j], views.translation[h, j]
             # position in frame j, inverse depth there, and whether the landmark is in front of the camera
-            px, py, depth, in_front = projection.project(A, t, x, y, marks.inverse_depth[l], projection.LEAST_DEPTH)
+            px, py, inverse_depth, in_front = projection.project(
+                A, t, x, y, marks.inverse_depth[l], projection.LEAST_DEPTH
+            )
             off = math.inf  # squared residual in variances; infinite behind the camera
             if in_front:
                 u, v = projection.to_ray(c, at[j, 0], at[j, 1])
@@ -420,7 +423,7 @@ def cull(
                     alive[l] = 0
                 continue
             if rho[j] > 0.0 and factors.projection_depth:
-                r = scale * depth - rho[j]
+                r = scale * inverse_depth - rho[j]
                 if r * r * factors.later_depth_weight > most * most:
                     rho[j] = 0.0
             if j == n - 1:

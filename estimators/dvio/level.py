@@ -194,8 +194,8 @@ def mean_slope(slopes: Sequence[Slope], misfits: Sequence[float]) -> Slope:
 def level_weight(slope: Slope, covariance: Array, ground_sd_rad: float, *, at_start: bool = False) -> float:
     """Weight of a slope as level ground, 1/rad²; 0 where it may be a ramp.
 
-    The weight is 1/σ² of the slope and of level ground as built, less by Huber's rule for slopes beyond 1.5 standard
-    deviations.
+    The weight is 1/σ² of the slope and of level ground as built together, less by Huber's rule for slopes beyond
+    `_HUBER_SD`.
 
     Args:
         slope: Slope of the ground.
@@ -237,7 +237,7 @@ def slope_columns(slot: int) -> NDArray[np.int64]:
 
 
 def covariance_of(indices: NDArray[np.int64], L: Array, size: int) -> Array:
-    """(K, K) covariance of selected states, by two triangular solves with the Cholesky factor.
+    """(K, K) covariance of selected states, by a triangular solve with the Cholesky factor.
 
     Args:
         indices: (K,) indices of the states.

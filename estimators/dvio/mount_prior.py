@@ -16,7 +16,8 @@ from stridetwin.estimators.dvio.state import D_ATTITUDE_IC, D_POSITION_IC, Windo
 from stridetwin.streams.samples import Array
 
 GROUPS = (slice(D_POSITION_IC, D_POSITION_IC + 3), slice(D_ATTITUDE_IC, D_ATTITUDE_IC + 3))
-_POSITION, _ROTATION = 0, 1
+"""Columns of the calibration's errors that share a variance: position, rotation."""
+_POSITION, _ROTATION = 0, 1  # indices of these groups
 # Hand-chosen on tuning seeds.
 _FREEDOM = 1.0  # degrees of freedom of the t prior; 1: a Cauchy distribution
 _MEASURED_SHARE = 0.25  # of its variance; the position's follows once the mount is known to this share of it

@@ -32,12 +32,12 @@ class NavState(NamedTuple):
     """A state and its covariance.
 
     Attributes:
-        t_ns: (1,) on the IMU's clock.
+        t_ns: (1,) time of the state on the IMU's clock.
         R: (3, 3) world <- IMU.
-        p: (3,) m.
-        v: (3,) m/s.
-        bias: (6,) rad/s, m/s².
-        covariance: (15, 15) in the order of a frame's errors.
+        p: (3,) IMU in the world, m.
+        v: (3,) velocity in the world, m/s.
+        bias: (6,) of gyroscope (rad/s) and accelerometer (m/s²).
+        covariance: (15, 15) of the errors: 0-2 position, 3-5 attitude (on its right), 6-8 velocity, 9-14 biases.
     """
 
     t_ns: NDArray[np.int64]
@@ -66,7 +66,7 @@ def state_of(frames: Frames, k: int) -> NavState:
 
 
 def blank_nav_state() -> NavState:
-    """Stationary at the origin, with zero covariance."""
+    """State of an IMU at rest at the origin, without biases, with zero covariance."""
     return NavState(
         t_ns=np.zeros(1, np.int64),
         R=np.eye(3),
@@ -137,19 +137,19 @@ def add_increment(nav: NavState, z: Preintegration, noise: ImuNoise, gravity: fl
 def is_plausible(nav: NavState) -> bool:
     """Whether a state is finite, and its speed and biases are possible for a person with a consumer IMU."""
     # The sum of all entries is finite only if each is.
-    # fast: squared speed; gyro and accel: largest entry of each bias
-    total, fast, gyro, accel = 0.0, 0.0, 0.0, 0.0
+    # squared speed; largest entry of each bias
+    total, speed2, gyro_bias, accel_bias = 0.0, 0.0, 0.0, 0.0
     for i in range(3):
         total += nav.p[i] + nav.R[i, 0] + nav.R[i, 1] + nav.R[i, 2]
-        fast += nav.v[i] ** 2
-        gyro, accel = max(gyro, abs(nav.bias[i])), max(accel, abs(nav.bias[3 + i]))
+        speed2 += nav.v[i] ** 2
+        gyro_bias, accel_bias = max(gyro_bias, abs(nav.bias[i])), max(accel_bias, abs(nav.bias[3 + i]))
         total += nav.bias[i] + nav.bias[3 + i]
     for i in range(FRAME):
         for j in range(FRAME):
             total += nav.covariance[i, j]
-    if not (math.isfinite(total) and fast < _MAX_SPEED_MPS**2):
+    if not (math.isfinite(total) and speed2 < _MAX_SPEED_MPS**2):
         return False
-    return gyro < _MAX_GYRO_BIAS_RADPS and accel < _MAX_ACCEL_BIAS_MPS2
+    return gyro_bias < _MAX_GYRO_BIAS_RADPS and accel_bias < _MAX_ACCEL_BIAS_MPS2
 
 
 @njit(error_model="numpy", **INNER_KERNEL)

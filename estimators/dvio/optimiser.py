@@ -24,6 +24,7 @@ from stridetwin.estimators.dvio.state import (
 )
 from stridetwin.streams.samples import Array
 
+# share of the diagonal that Levenberg-Marquardt adds to it: at first, and the one above which it gives up
 _FIRST_DAMPING, _MOST_DAMPING = 1e-9, 1e2
 
 
@@ -131,7 +132,7 @@ def _linearise(
 
 
 def minimise(window: WindowState, factors: FactorParameters, work: Work, steps: int, cost_tolerance: float) -> float:
-    """Minimises the cost of prior, IMU and camera factors by Levenberg-Marquardt; returns a recent cost.
+    """Minimises the cost of prior, IMU and camera factors by Levenberg-Marquardt; returns the last computed cost.
 
     The cost is docs/dvio.md (10). There are at most `steps` steps; it stops if a step lowers the cost by less than the
     share `cost_tolerance`. `work.factor` is afterwards the undamped Cholesky factor of the last equations, from which
@@ -237,9 +238,9 @@ def eliminate_oldest(H: Array, b: Array) -> tuple[Array, Array]:
     scale = np.maximum(full.diagonal()[oldest], 1e-12) ** -0.5  # which makes the diagonal of H_oo 1
     scales = np.outer(scale, scale)
     H_oo_inverse = np.linalg.inv(full[oldest, oldest] * scales + 1e-12 * np.eye(FRAME)) * scales
-    share = full[remaining, oldest] @ H_oo_inverse  # H_ro H_oo⁻¹
-    reduced = np.tril(full[np.ix_(remaining, remaining)] - share @ full[oldest, remaining])
-    return reduced + np.tril(reduced, -1).T, b[remaining] - share @ b[oldest]
+    gain = full[remaining, oldest] @ H_oo_inverse  # H_ro H_oo⁻¹
+    reduced = np.tril(full[np.ix_(remaining, remaining)] - gain @ full[oldest, remaining])
+    return reduced + np.tril(reduced, -1).T, b[remaining] - gain @ b[oldest]
 
 
 def drop_oldest(window: WindowState) -> None:

@@ -106,11 +106,12 @@ def pick(
 ) -> int:
     """Picks the best candidates, spread over the image: the best of each cell without a point, then the next best.
 
-    A picked point is at least `min_distance_px` away from all others.
+    A picked point is at least `min_distance_px` away from all others. A cell gets no further point once it has four,
+    existing ones included.
 
     Args:
         shape: (H, W) of the image.
-        candidates: (N, 2) px.
+        candidates: (N, 2) px, points to pick from.
         order: (N,) indices of the candidates from the best.
         taken: (M, 2) px, existing points.
         min_distance_px: Smallest distance between two points.

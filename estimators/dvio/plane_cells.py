@@ -84,7 +84,7 @@ def _sum_cells(depth: NDArray[np.float32], rays: Array, min_depth_m: float, sd: 
 
     Args:
         depth: (H, W) m, 0 or NaN where none.
-        rays: (R * 10, C * 10, 2) of the samples on the plane at depth 1.
+        rays: (R * _SIDE, C * _SIDE, 2) of the samples on the plane at depth 1.
         min_depth_m: Nearest depth that counts.
         sd: Standard deviation of an inverse depth, 1/m.
         cells: (R, C, 11) out.
@@ -135,7 +135,7 @@ def _plane_distance(s: Array, region: Array, variance: float, plane: Array, buff
     e = np.empty(3)  # plane of the cell, then its difference from the region's
     if not _fit_plane(s, inverse, e):
         return math.inf
-    # the covariance of the difference, over the variance of a sample: sum of the two inverses
+    # Covariance of the difference, over the variance of a sample: sum of the two inverses, kept in `inverse`.
     for i in range(3):
         e[i] -= plane[i]
         for j in range(3):
@@ -255,10 +255,10 @@ def read_planes(
         for k in range(count - 1, at, -1):
             size[k], planes[k], weights[k] = size[k - 1], planes[k - 1], weights[k - 1]
         # variance by the error of `PLANE_ERROR` of direction and distance, in each component
-        off = (PLANE_ERROR * PLANE_ERROR) * (plane[0] ** 2 + plane[1] ** 2 + plane[2] ** 2)
+        error_variance = (PLANE_ERROR * PLANE_ERROR) * (plane[0] ** 2 + plane[1] ** 2 + plane[2] ** 2)
         size[at], planes[at] = n, plane
         covariance = sd * sd * inverse
         for k in range(3):
-            covariance[k, k] += off
+            covariance[k, k] += error_variance
         weights[at] = np.linalg.inv(covariance)
     return count

@@ -204,8 +204,8 @@ def observation_jacobian(
 
     Args:
         frames: Velocities and rates, for the derivative by the time offset.
-        c: Calibration.
-        views: Filled views.
+        c: Estimated calibration.
+        views: Relative poses of the cameras, from `update_views`.
         host: Slot of the host.
         observer: Slot of the observer.
         x: First coordinate of the ray on the host's plane at depth 1.

@@ -68,15 +68,23 @@ class SlidingWindow:
     """The window of frames and landmarks, its point tracker, and the state propagated from its newest frame.
 
     Args:
-        camera: Calibration.
-        imu: Calibration.
-        T_imu_camera: (4, 4) camera to IMU.
+        camera: Calibration of the camera.
+        imu: Calibration of the IMU.
+        T_imu_camera: (4, 4) camera to IMU, m.
         parameters: Parameters for any rig.
 
     Attributes:
+        parameters: The parameters.
+        noise: Present noise of the IMU's samples: that of the start, raised by `inflation`.
+        inflation: Factor on that noise, estimated from images.
+        bias_sd: (6,) standard deviations of the turn-on biases, rad/s and m/s².
+        calibration_prior: Standard deviations of the calibration before any measurement.
+        inertial: Buffer of IMU samples.
+        lens: Maps pixels to rays and back.
+        factors: Weights of the factors, and which are used.
+        tracker: Finds points in images and tracks them.
         window: Frames, landmarks, calibration and prior.
         nav: State propagated by the IMU from the newest frame.
-        inertial: Buffer of IMU samples.
         seen: Number of observations in the newest frame.
     """
 
@@ -348,7 +356,8 @@ class SlidingWindow:
         # standard deviation of the speed by the covariance of the velocity; time since the last image, s
         speed_sd = float(np.sqrt(np.trace(self.nav.covariance[6:9, 6:9])))
         dt = (predicted.t_ns[0] - w.frames.t_ns[before]) * 1e-9
-        # The gate widens by the uncertainty of the velocity, and by the motion of points of unknown depth.
+        # The gate widens by two standard deviations of the motion that an error of the velocity causes, and by the
+        # motion of points of unknown depth.
         unsure = np.where(marks.measured[ids] > 0, 0.0, 1.0)  # 1 where the depth is not measured
         moved = np.linalg.norm(motion, axis=1)
         gate = (
@@ -418,7 +427,10 @@ class SlidingWindow:
         return int(remaining)
 
     def _mark_observable_depths(self) -> None:
-        """Marks landmarks as measured whose inverse depth motion alone determines to `_MEASURED_SD`."""
+        """Marks landmarks as measured whose depth motion alone determines.
+
+        Their inverse depth is at least `_MEASURED_SD` times its standard deviation.
+        """
         marks = self.window.landmarks
         l = np.flatnonzero((self._alive > 0) & (marks.measured == 0))  # landmarks in question
         # squared inverse depth over its variance; at least three frames must see the point
@@ -435,7 +447,7 @@ class SlidingWindow:
 
         Args:
             ids: (N,) landmarks.
-            tracked_px: (N, 2) px.
+            tracked_px: (N, 2) px, where they are in the newest image.
             good: (N,) which of them were tracked.
         """
         w, marks = self.window, self.window.landmarks

@@ -59,13 +59,13 @@ class ImuNoise(NamedTuple):
     """Noise of an IMU's samples.
 
     Attributes:
-        rate: Density of the white noise, rad/s/√Hz.
-        force: m/s²/√Hz.
+        rate: Density of the white noise of the angular rate, rad/s/√Hz.
+        force: Density of the white noise of the specific force, m/s²/√Hz.
         rate_share: Noise proportional to the rate, for errors of scale and axes that last about a second, √s.
-        rate_walk: Density of the bias's random walk, rad/s²/√Hz.
-        force_walk: m/s³/√Hz.
-        invalid_rate: Standard deviation of a value that is saturated or replaces missing ones, rad/s.
-        invalid_force: m/s².
+        rate_walk: Density of the random walk of the gyroscope's bias, rad/s²/√Hz.
+        force_walk: Density of the random walk of the accelerometer's bias, m/s³/√Hz.
+        invalid_rate: Standard deviation of a rate that is saturated or replaces missing ones, rad/s.
+        invalid_force: Standard deviation of such a specific force, m/s².
     """
 
     rate: float
@@ -95,10 +95,10 @@ class Preintegration(NamedTuple):
     """Preintegrated IMU measurement between two frames, in the first one's axes, without gravity.
 
     Attributes:
-        dt: (1,) s.
-        delta_p: (3,) position, m.
+        dt: (1,) time between the frames, s.
+        delta_p: (3,) change of position, m.
         delta_R: (3, 3) rotation, second to first frame.
-        delta_v: (3,) velocity, m/s.
+        delta_v: (3,) change of velocity, m/s.
         by_bias: (9, 6) derivative of position, rotation and velocity by the biases of gyroscope and accelerometer.
         covariance: (9, 9) of position, rotation and velocity.
         weight: (9, 9) its inverse, where the increment is a factor of the window.

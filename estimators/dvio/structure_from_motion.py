@@ -124,7 +124,7 @@ def structure_without_depth(s: Observations) -> Structure | None:
     there is no such pair, or if its parallax is too small.
     """
     last = len(s.seen) - 1
-    for k in range(last - 1):
+    for k in range(last - 1):  # from the oldest image on; at least one image lies between the two
         shared = np.flatnonzero(s.seen[k] & s.seen[last])
         if len(shared) < 2 * _MIN_POINTS:
             continue
@@ -329,7 +329,7 @@ def _minimize(
         e = np.zeros((len(R), 6))  # step of each camera: position, attitude on its right
         e.reshape(-1)[:n] = np.linalg.solve(m.H[:n, :n] + np.diag(damping * m.H.diagonal()[:n] + 1e-9), m.b[:n])
         # (N, 3) step of each point, given that of the cameras: H_pp⁻¹ (b_p - H_pc e)
-        e_points = matvec(m.by_point, m.b_points - np.einsum("knab,ka->nb", m.cross, e))
+        e_points = matvec(m.points_inverse, m.b_points - np.einsum("knab,ka->nb", m.cross, e))
         R_new, p_new = R @ exp(e[:, 3:]), p + e[:, :3]
         new = _cost(_residuals(s, R_new, p_new, points + e_points)[0])
         if not new < cost:
@@ -376,14 +376,14 @@ class _Normal(NamedTuple):
         H: (6K, 6K) matrix of the cameras.
         b: (6K,) right-hand side of the cameras.
         cross: (K, N, 6, 3) blocks between cameras and points.
-        by_point: (N, 3, 3) inverse of each point's block.
+        points_inverse: (N, 3, 3) inverse of each point's block.
         b_points: (N, 3) right-hand side of the points.
     """
 
     H: Array
     b: Array
     cross: Array
-    by_point: Array
+    points_inverse: Array
     b_points: Array
 
 

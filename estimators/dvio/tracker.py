@@ -171,7 +171,9 @@ class Tracker:
 
     def set_image(self, grey: NDArray[np.uint8]) -> None:
         """Makes `grey` (H, W) the last image, and the one that was so far the previous image."""
-        self._before, self._grey, self._scales = self._grey, grey, []
+        self._before = self._grey
+        self._grey = grey
+        self._scales = []  # the pyramid of the new image is computed when it is needed
 
     def track(self, points: Points, start: Points) -> tuple[Points, NDArray[np.bool_]]:
         """Tracks points of the previous image into the last one (Lucas and Kanade 1981, pyramid).

@@ -118,7 +118,7 @@ def level_attitude(memory: state.FilterState, force: Vec3) -> None:
 
     The rotation starts from `memory.tilted` each time. If each call continued from the last result, the small
     rotations would add up to a false change of heading while the mean settles. The heading is that of the sensor's x
-    axis. If x is within 25° of the vertical, it is that of the z axis.
+    axis or, if x is within 26° of the vertical (its cosine is at least 0.9), that of the z axis.
 
     Args:
         memory: State of the foot, whose attitude is written. `memory.tilted` is the quaternion, sensor to world, from
@@ -155,7 +155,8 @@ def _set_covariance(
 
     All correlations become 0. Velocity, roll and pitch get the variances of the alignment. The variances of position
     and heading are kept and grow by what the wearer may have moved since the foot was last tracked; those of the biases
-    are kept. At the first alignment, when the lever arm is not known yet, all of these get their initial values.
+    are kept. At the first alignment, when the lever arm is not known yet, all of these get their initial values, and so
+    do the variances of contact, floor, height drift and gyro scale, which are otherwise kept.
 
     Args:
         memory: State of the foot, changed in place.
@@ -171,8 +172,9 @@ def _set_covariance(
                 P[i, j] = P[j, i] = 0.0
     # time without tracking, s, now and at the last call; `growth` in s² is added to the variances, at each call anew
     lost, lost_before = (t_ns - clock[state.T_KNOWN]) * 1e-9, (clock[state.T_LAST] - clock[state.T_KNOWN]) * 1e-9
-    # memory.start_sd: standard deviations of position and heading of the start
-    growth, levered = lost**2 - lost_before**2, clock[state.LEVER_KNOWN] != 0  # levered: not the first alignment
+    growth = lost**2 - lost_before**2
+    # levered: not the first alignment; memory.start_sd: standard deviations of position and heading of the start
+    levered = clock[state.LEVER_KNOWN] != 0
     for i in range(3):
         p, g, b = o + state.D_POSITION + i, o + state.D_GYRO_BIAS + i, o + state.D_ACCEL_BIAS + i
         P[p, p] = P[p, p] + _GAP_SPEED_MPS**2 * growth if levered else memory.start_sd[0] ** 2

@@ -89,7 +89,7 @@ class FootInsEstimate:
 
         Args:
             memory: State of the foot.
-            phase: Phase in which the sample was used, ALIGNING or NAVIGATING.
+            phase: Phase in which the sample was used, `state.ALIGNING` or `state.NAVIGATING`.
             standing_speed_sd: Standard deviation of the speed of a stationary foot, m/s; inf if it is moving.
             frame: Frame of the sensor.
         """
@@ -212,7 +212,7 @@ class FootInsPath:
 def nis_by_kind(memory: state.FilterState) -> dict[str, float]:
     """Mean normalised innovation squared, per degree of freedom, of each kind of update used so far: 1 if consistent.
 
-    The kinds are `standing` (zero velocity), `floor` and `rest` (zero rate).
+    The kinds are `standing` (zero velocity), `floor` and `rest` (zero rate); those not used so far are left out.
     """
     # (2,) each: sum of the normalised innovation squared, and number of updates
     sums = {

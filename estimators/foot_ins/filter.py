@@ -70,7 +70,8 @@ class FootIns:
         self._memory = initial_state()  # of the filter
         # time, rate and force of one sample: `update` uses these buffers and allocates none
         self._sample = np.empty(1, np.int64), np.empty((1, 3)), np.empty((1, 3))
-        self._results = self._allocate_results(1)  # phase, speed, state and covariance after that sample
+        # phase, standard deviation of the speed, state and covariance after that sample
+        self._results = self._allocate_results(1)
         if start is not None:
             start.apply_to(self._memory)
 
@@ -95,8 +96,10 @@ class FootIns:
             StrideTwinError: The topic or the calibration is missing, or the foot is never stationary.
         """
         topic = _topic(options)
-        block, estimator = recording.block(topic).as_kind(Imu), cls.batch(recording.rig, options, parameters)
-        path, label = estimator.run(block), ""
+        block = recording.block(topic).as_kind(Imu)
+        estimator = cls.batch(recording.rig, options, parameters)
+        path = estimator.run(block)
+        label = ""  # figures call the path "left" or "right" alone
         return [path.estimate(recording, cls.declaration.name, options.foot, label, estimator.nis)]
 
     @classmethod
@@ -131,11 +134,11 @@ class FootIns:
         """Takes one sample; returns the new estimate, or None if the sample is ignored."""
         t_ns, rate, force = self._sample
         t_ns[0], rate[0], force[0] = sample.t_ns, sample.angular_rate, sample.specific_force
-        phase, speed, _, _ = self._results
+        phase, speed_sd, _, _ = self._results
         kernel.run(self._memory, self._parameters, t_ns, rate, force, *self._results)
         if phase[0] == IGNORED:
             return None
-        return FootInsEstimate.of(self._memory, int(phase[0]), float(speed[0]), self._frame)
+        return FootInsEstimate.of(self._memory, int(phase[0]), float(speed_sd[0]), self._frame)
 
     @property
     def nis(self) -> dict[str, float]:

@@ -62,7 +62,7 @@ def add_sample(
         memory: State of the foot, changed in place.
         parameters: Parameters of the filter.
         t_ns: Time of the sample.
-        rate: (3,) rad/s.
+        rate: (3,) rad/s, angular rate.
         force: (3,) m/s², specific force.
 
     Returns:
@@ -122,16 +122,16 @@ def step(
     restore_peaks(memory, parameters)
     move_contact_point(memory, parameters, dt)
     vary_height_drift(memory, parameters, dt)
-    speed = stationary_speed_sd(statistic, memory.peak[0], parameters)
-    if speed < _MAX_VELOCITY_SD_MPS:  # with a larger one, the foot counts as moving
-        zero_velocity_update(memory, parameters, rate, dt, speed)
+    speed_sd = stationary_speed_sd(statistic, memory.peak[0], parameters)
+    if speed_sd < _MAX_VELOCITY_SD_MPS:  # with a larger one, the foot counts as moving
+        zero_velocity_update(memory, parameters, rate, dt, speed_sd)
     else:
-        speed = math.inf
-    level_floor_update(memory, parameters, t_ns, speed)
+        speed_sd = math.inf
+    level_floor_update(memory, parameters, t_ns, speed_sd)
     # at rest for long: even the recent peak of the statistic is low, but for what an unknown gyro bias adds to it
     if memory.peak[0] < parameters.rest_level + unknown_bias_statistic(memory):
         zero_rate_update(memory, parameters, rate, dt)
-    return state.NAVIGATING, speed
+    return state.NAVIGATING, speed_sd
 
 
 @njit(**INNER_KERNEL)
@@ -178,7 +178,7 @@ def run(
         memory: State of the foot, changed in place.
         parameters: Parameters of the filter.
         t_ns: (N,) int64, times.
-        rate: (N, 3) rad/s.
+        rate: (N, 3) rad/s, angular rate.
         force: (N, 3) m/s², specific force.
         phase: (N,) int8, written: phase in which each sample was used.
         speed: (N,) written: standard deviation of a stationary foot's speed, m/s; inf where it is not stationary.

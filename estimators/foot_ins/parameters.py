@@ -119,7 +119,18 @@ if TYPE_CHECKING:
 
     @dataclass(frozen=True, kw_only=True)
     class KernelParameters(FootInsParameters):
-        """The parameters together with what the calibration of a sensor determines; see `for_sensor`."""
+        """The parameters together with what the calibration of a sensor determines; see `for_sensor`.
+
+        Attributes:
+            gyro_limit_noise_radps_rthz: Noise added to the rate about an axis that is at its limit, rad/s/√Hz.
+            accel_limit_noise_mps2_rthz: Noise added to the specific force along an axis at its limit, m/s²/√Hz.
+            gyro_bias_walk_radps2_rthz: Random walk of the gyro's bias, rad/s²/√Hz.
+            accel_bias_walk_mps3_rthz: Random walk of the accelerometer's bias, m/s³/√Hz.
+            rest_rate_noise_radps_rthz: Noise of the rate of a foot at rest, sensor and sway together, rad/s/√Hz.
+            gyro_scale_sd: Standard deviation of the gyro's scale error; 0: it is not estimated.
+            gyro_range_radps: Largest measurable rate, rad/s; 0 if unknown.
+            accel_range_mps2: Largest measurable specific force, m/s²; 0 if unknown.
+        """
 
         gyro_limit_noise_radps_rthz: float
         accel_limit_noise_mps2_rthz: float
@@ -141,6 +152,7 @@ _ACCEL_BIAS_WALK_MPS3_RTHZ = 1e-4  # in addition to the calibration's
 _REST_RATE_NOISE_RADPS_RTHZ = 3.2e-4  # rotation rate of a foot at rest [real walks]
 _MISALIGNMENT_NOISE_PER_RTHZ = 0.6  # noise of the angular rate per rad of the gyro's misalignment [twin]
 
+# Parameters for motion, limits and scale errors, which `for_sensor` leaves out on request.
 _ADDED_NOISE = (
     "gyro_noise_radps_rthz",
     "gyro_limit_noise_radps_rthz",
@@ -191,7 +203,8 @@ def for_sensor(
     Args:
         parameters: Parameters for any sensor.
         calibration: Calibration of the sensor; None: a consumer sensor without one.
-        data_sheet_alone: The noise is the calibration's, without any addition for motion, limits and scale errors.
+        data_sheet_alone: The noise is the calibration's, a misalignment's included, without any other addition for
+            motion, limits and scale errors.
     """
     imu = calibration or _UNKNOWN  # in which every number is 0, which means unknown
     values = {name: float(value) for name, value in asdict(parameters).items()} | {

@@ -32,16 +32,17 @@ from stridetwin.streams.samples import Array, Block, Imu
 
 _entry_kernel = entry_kernel(Path(__file__).parent, llvm_level=1)
 
-# Of N samples: time, phase, standing speed (m/s), (N, 22) state, (N, 6, 6) covariance of position and attitude.
+# Of N samples, (N, ...) each: time, ns; phase; standard deviation of a stationary foot's speed, m/s; (N, 22) state;
+# (N, 6, 6) covariance of position and attitude.
 Rows = tuple[NDArray[np.int64], NDArray[np.int8], Array, Array, Array]
 
 
 @njit(**INNER_KERNEL)
 def _write_oldest(window: TransitionWindow, out: Rows, k: int) -> None:
     """Takes the oldest sample out of the window, smoothed, and writes it into row `k` of the buffers `out`."""
-    t_ns, phase, speed, nominal, covariance = out
+    t_ns, phase, speed_sd, nominal, covariance = out
     i = release_oldest(window)  # row of the sample in the window's ring
-    t_ns[k], phase[k], speed[k] = window.t_ns[i], window.phase[i], window.speed[i]
+    t_ns[k], phase[k], speed_sd[k] = window.t_ns[i], window.phase[i], window.speed[i]
     write_estimate(window.released, nominal[k], covariance[k])
 
 
@@ -67,7 +68,7 @@ def run(
         parameters: Parameters of the filter.
         lag_ns: Age at which a sample leaves the window.
         t_ns: (N,) int64, times.
-        rate: (N, 3) rad/s.
+        rate: (N, 3) rad/s, angular rate.
         force: (N, 3) m/s², specific force.
         finish: Whether to output all held samples at the end.
         out: Buffer of N rows, of which the first are written; if `finish`, of as many more as are held.
@@ -78,12 +79,12 @@ def run(
     n = 0  # rows written so far
     for k in range(len(t_ns)):
         augment(memory)  # so that the step also yields the transition of the error over it
-        phase, speed = step(memory, parameters, t_ns[k], vec3_at(rate[k], 0), vec3_at(force[k], 0))
+        phase, speed_sd = step(memory, parameters, t_ns[k], vec3_at(rate[k], 0), vec3_at(force[k], 0))
         if phase == IGNORED:
             continue
         if phase == NAVIGATING and memory.clock[RESTORED] > 0:  # samples since the beginning of a peak just restored
             apply_restored(window, memory)
-        append(window, memory, phase, speed)
+        append(window, memory, phase, speed_sd)
         is_full = window.place[HELD] == len(window.t_ns)
         if is_full or t_ns[k] - window.t_ns[window.place[OLDEST]] >= lag_ns:
             _write_oldest(window, out, n)
@@ -94,7 +95,7 @@ def run(
     return n
 
 
-MAX_LAG_S = 10.0
+MAX_LAG_S = 10.0  # the window holds every sample within the lag, so its memory needs a limit
 MAX_RATE_HZ = 1000.0  # faster sensors have the same number of samples held, and a shorter lag
 
 
@@ -145,14 +146,17 @@ class FootInsSmoother:
         t_ns, rate, force = self._sample
         t_ns[0], rate[0], force[0] = sample.t_ns, sample.angular_rate, sample.specific_force
         out = self._row
-        _, phase, speed, _, _ = out
+        _, phase, speed_sd, _, _ = out
         written = run(self._memory, self._window, self._parameters, self._lag_ns, t_ns, rate, force, False, out)
         if written == 0:
             return None
-        return FootInsEstimate.of(self._window.released, int(phase[0]), float(speed[0]))
+        return FootInsEstimate.of(self._window.released, int(phase[0]), float(speed_sd[0]))
 
     def run(self, block: Block[Imu]) -> FootInsPath:
-        """The path over the usable samples of a block and those held before, the last ones smoothed with less."""
+        """The path over the usable samples of a block and those held before.
+
+        The last ones are smoothed with fewer later samples than the lag has. Afterwards none is held.
+        """
         return self._smooth_all(block.t_ns, block.columns["angular_rate"], block.columns["specific_force"])
 
     def finish(self) -> FootInsPath:
@@ -174,7 +178,7 @@ class FootInsSmoother:
 
         Args:
             t_ns: (N,) times of the new samples.
-            rate: (N, 3) rad/s.
+            rate: (N, 3) rad/s, angular rate of these.
             force: (N, 3) m/s², specific force.
         """
         out = _allocate_rows(len(t_ns) + self.held)

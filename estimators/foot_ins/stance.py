@@ -278,7 +278,7 @@ def zero_rate_update(memory: state.FilterState, parameters: KernelParameters, ra
         work.jacobian[i, state.D_GYRO_BIAS + i] = 1.0 / sd
         work.innovation[i] = (rate[i] - memory.nominal[state.GYRO_BIAS + i]) / sd
     length = apply_gated_update(memory.covariance, memory.error, work, memory.row, 3, parameters.innovation_gate)
-    memory.nis[state.BY_RATE, 0] += length**2 / 3.0
+    memory.nis[state.BY_RATE, 0] += length**2 / 3.0  # per degree of freedom: 3 axes
     memory.nis[state.BY_RATE, 1] += 1.0
     inject(memory)
 
@@ -287,8 +287,8 @@ def zero_rate_update(memory: state.FilterState, parameters: KernelParameters, ra
 def inject(memory: state.FilterState) -> None:
     """Adds the foot's accumulated error to its nominal state, and sets the error to 0, in place.
 
-    The error of the attitude is a rotation in the world that comes before the attitude. As position and velocity have
-    moved, the covariance is transformed by `shift_covariance`.
+    The error of the attitude is a rotation in world axes, which multiplies the attitude from the left. As position and
+    velocity have moved, the covariance is transformed by `shift_covariance`.
     """
     x, error, o = memory.nominal, memory.error, memory.row
     for i in range(state.ATTITUDE):  # position and velocity come first in both
@@ -392,7 +392,7 @@ def level_floor_update(
     # ratio of the densities of the step on the same floor and on a new one, which is 1 / `_NEW_FLOOR_RANGE_M`
     likelihood_ratio = _normal_density(step, work.spread[0, 0] + variance) * _NEW_FLOOR_RANGE_M
     same, last_same = 0.0, memory.floor[0]  # probability that this step, and the last one, stayed on its floor
-    # the same of this step, before its height counts
+    # that probability of this step before its height counts
     prior = last_same * parameters.same_floor + (1.0 - last_same) * _SAME_AFTER_NEW
     if has_floor and prior > 0.0 and abs(step) < _LEVEL_STEP_M:
         same = likelihood_ratio / (likelihood_ratio + 1.0 / prior - 1.0)  # Bayes' rule

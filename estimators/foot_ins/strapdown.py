@@ -27,7 +27,7 @@ from stridetwin.streams.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
 
 _MAX_STEP_S = 0.03  # a longer step is a gap
-_GAP_GYRO_NOISE_RADPS_RTHZ, _GAP_ACCEL_NOISE_MPS2_RTHZ = 0.3, 3.0
+_GAP_GYRO_NOISE_RADPS_RTHZ, _GAP_ACCEL_NOISE_MPS2_RTHZ = 0.3, 3.0  # added in a gap, whose motion is not measured
 _MIN_GYRO_RANGE_RADPS, _MIN_ACCEL_RANGE_MPS2 = 7.0, 45.0  # least limits of a sensor of unknown range
 
 
@@ -91,9 +91,11 @@ def _apply_transition(M: Array, o: int, R: Mat3, f_world: Vec3, dt: float, path:
         path: Length of the path over the interval, m: times the drift it is an error of the height.
         turn: (3,) rad, rotation across the sole's normal, world axes: times the scale it is an error of the attitude.
     """
+    # first rows of the errors of position, velocity, attitude, gyro bias and accelerometer bias
     p, v, a = o + state.D_POSITION, o + state.D_VELOCITY, o + state.D_ATTITUDE
     g, b = o + state.D_GYRO_BIAS, o + state.D_ACCEL_BIAS
-    fx, fy, fz = f_world[0] * dt, f_world[1] * dt, f_world[2] * dt
+    # change of the velocity by the specific force, m/s; an error of the attitude turns it
+    dvx, dvy, dvz = f_world[0] * dt, f_world[1] * dt, f_world[2] * dt
     for j in range(M.shape[1]):
         a0, a1, a2 = M[a, j], M[a + 1, j], M[a + 2, j]  # attitude before the step
         # changes of attitude and velocity by the biases
@@ -106,9 +108,9 @@ def _apply_transition(M: Array, o: int, R: Mat3, f_world: Vec3, dt: float, path:
         M[a, j] -= gyro[0] + scale * turn[0]
         M[a + 1, j] -= gyro[1] + scale * turn[1]
         M[a + 2, j] -= gyro[2] + scale * turn[2]
-        M[v, j] += fz * a1 - fy * a2 - accel[0]
-        M[v + 1, j] += fx * a2 - fz * a0 - accel[1]
-        M[v + 2, j] += fy * a0 - fx * a1 - accel[2]
+        M[v, j] += dvz * a1 - dvy * a2 - accel[0]
+        M[v + 1, j] += dvx * a2 - dvz * a0 - accel[1]
+        M[v + 2, j] += dvy * a0 - dvx * a1 - accel[2]
         for i in range(3):
             M[p + i, j] += 0.5 * dt * M[v + i, j]
 
@@ -145,6 +147,7 @@ def shift_rows(M: Array, o: int, dp: Vec3, dv: Vec3) -> None:
         dp: (3,) correction of the position, world axes, m.
         dv: (3,) correction of the velocity, world axes, m/s.
     """
+    # first rows of the errors of position, velocity and attitude
     p, v, a = o + state.D_POSITION, o + state.D_VELOCITY, o + state.D_ATTITUDE
     for j in range(M.shape[1]):
         x, y, z = M[a, j], M[a + 1, j], M[a + 2, j]  # δθ

@@ -146,7 +146,8 @@ def apply_restored(window: TransitionWindow, memory: state.FilterState) -> None:
         memory: State after the sample at which the peak was restored, which the window does not hold yet.
     """
     place, capacity = window.place, len(window.t_ns)
-    held, summed, moved = place[HELD], place[SUMMED], memory.restored  # moved: the corrections
+    held, summed = place[HELD], place[SUMMED]  # numbers of samples
+    moved = memory.restored  # the corrections
     reach = 0  # how many samples of the peak the window still holds, from the newest on
     for back in range(1, min(memory.clock[state.RESTORED], held) + 1):
         # both must be the same sample: the window's, and the filter's in its ring
@@ -167,7 +168,7 @@ def apply_restored(window: TransitionWindow, memory: state.FilterState) -> None:
             _shift_transition(window, i, moved, back, back + 1, reach)
     last_summed = held - summed + 1  # the last sample that sums of transitions reach to, counted back
     if last_summed <= reach:
-        for k in range(summed):
+        for k in range(summed):  # the sum from the sample before sample k, counted from the oldest, to the last summed
             _shift_transition(window, (place[OLDEST] + k) % capacity, moved, last_summed, held - k + 1, reach)
     _shift_transition(window, capacity, moved, 1, last_summed, reach)  # the transition over all samples not yet summed
     # the transition of the newest sample, which `append` is about to take from the rows of `augment`

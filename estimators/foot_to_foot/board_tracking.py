@@ -93,7 +93,7 @@ class BoardTracker:
         """Queues an image until the IMUs have reached its time.
 
         Returns:
-            Whether it was queued: not if no board can be in it, or if it is out of order.
+            Whether it was queued: not if its camera has no detector of a board, or if it is out of order.
         """
         if image.topic not in self._cameras or image.t_ns <= self._newest_ns[image.topic]:
             return False
@@ -153,6 +153,7 @@ class BoardTracker:
             error_px = _REGION_SD * expected.error_px(detector.points_in_board, camera.intrinsics[0]) + _MIN_REGION_PX
         else:
             rotation_variance = np.linalg.eigvalsh(expected.covariance[3:, 3:])[-1]  # about the least certain axis
+            # `_REGION_SD` standard deviations of the rotation are less than 1 rad
             if _REGION_SD**2 * rotation_variance < 1.0 and self._is_position_certain(expected):
                 return None  # it certainly faces away, or is behind the camera
         if guess is None or not error_px < _LOST_PX:
@@ -177,8 +178,9 @@ class BoardTracker:
         return detector.detect(image)
 
     def _is_position_certain(self, expected: BoardPrediction) -> bool:
-        """Whether the predicted position of the board is certain relative to its distance from the camera."""
+        """Whether `_REGION_SD` standard deviations of the board's predicted position are less than its distance."""
         distance = float(np.linalg.norm(expected.T_camera_board[:3, 3]))
+        # along the least certain direction, m
         position_sd = float(np.sqrt(np.linalg.eigvalsh(expected.covariance[:3, :3])[-1]))
         return _REGION_SD * position_sd < distance
 
@@ -195,7 +197,7 @@ def relative_position(
             each in its foot's IMU.
         expected: Prediction by the feet's attitudes, which selects one of a plane's two poses.
     """
-    rotation_sd = float(np.sqrt(np.linalg.eigvalsh(expected.covariance[3:, 3:])[-1]))
+    rotation_sd = float(np.sqrt(np.linalg.eigvalsh(expected.covariance[3:, 3:])[-1]))  # about the least certain axis
     return RelativePosition.of_observation(
         observation,
         T_imu_camera=_to_transform(mounts[CAMERA + foot]),

@@ -68,8 +68,8 @@ class FootToFoot:
 
     Args:
         rig: IMUs, cameras, boards and sonars on the bodies `foot_l` and `foot_r`.
-        options: `method`, one of `METHODS`: the first, or one of Jao, Wang, Shkel 2020: `published` (=
-            `zupt_relative_position`), `zupt_relative_distance`, `zupt`.
+        options: `method` is one of `METHODS`: `proposed`, or one of Jao, Wang, Shkel 2020, which are
+            `zupt_relative_position` (also called `published`), `zupt_relative_distance` and `zupt`.
         parameters: Parameters of all methods.
         start: Pose of each foot's IMU at its first sample, by `l` and `r`. Without it, one foot starts as `FootIns`
             does, and two start side by side.
@@ -133,7 +133,7 @@ class FootToFoot:
             pose.apply_to(self._pair.feet[FEET.index(name)])
         self._newest_ns = [NEVER, NEVER]  # time of each foot's newest sample
         # of each foot's newest used sample: phase, and standard deviation of the stationary foot's speed (m/s)
-        self._phase, self._speed = [EMPTY, EMPTY], [np.inf, np.inf]
+        self._phase, self._speed_sd = [EMPTY, EMPTY], [np.inf, np.inf]
         self._held: deque[Aid] = deque(maxlen=MAX_WAITING_AIDS)  # aids whose time the IMUs have not reached yet
         self._boards = BoardTracker(shoes, parameters.exposure_s)
         self._left_right = LeftRightCheck(shoes.mounts)
@@ -212,7 +212,7 @@ class FootToFoot:
         if seen is None and isinstance(sample, Image):  # this image waits for the IMUs and changes nothing yet
             return None
         feet = {
-            FEET[f]: FootInsEstimate.of(self._pair.feet[f], self._phase[f], self._speed[f], f"foot_{FEET[f]}/imu")
+            FEET[f]: FootInsEstimate.of(self._pair.feet[f], self._phase[f], self._speed_sd[f], f"foot_{FEET[f]}/imu")
             for f in range(2)
             if self._phase[f] != EMPTY  # a foot with samples
         }
@@ -260,11 +260,11 @@ class FootToFoot:
         """
         if unknown := set(imus) - set(self._shoes.imus):
             raise ConfigError("FootToFoot.run", "imus", sorted(unknown), f"by {' or '.join(self._shoes.imus)}")
-        events, phase, speed, state, covariance = self._process(imus, aids)
+        events, phase, figure, state, covariance = self._process(imus, aids)  # figure: of an IMU sample, the speed's sd
         paths = {}
         for foot in imus:
             rows = (events.kind == IMU) & (events.foot == FEET.index(foot))
-            paths[foot] = FootInsPath.of(events.t_ns[rows], phase[rows], speed[rows], state[rows], covariance[rows])
+            paths[foot] = FootInsPath.of(events.t_ns[rows], phase[rows], figure[rows], state[rows], covariance[rows])
         return paths
 
     def _process(
@@ -305,7 +305,7 @@ class FootToFoot:
             used_rows = rows[phase[rows] != IGNORED]
             if len(used_rows):
                 newest = used_rows[-1]
-                self._phase[f], self._speed[f] = int(phase[newest]), float(figure[newest])
+                self._phase[f], self._speed_sd[f] = int(phase[newest]), float(figure[newest])
         return events, phase, figure, state, covariance
 
     def _foot_of(self, aid: Aiding) -> int:

@@ -53,7 +53,7 @@ def to_inertial_world(nominal: Array, earth: Vec3, rate: Vec3, force: Vec3) -> t
     Args:
         nominal: (22,) nominal state.
         earth: (3,) ω_E, rotation rate of the Earth in world axes, rad/s.
-        rate: (3,) ω, rad/s.
+        rate: (3,) ω, angular rate, rad/s.
         force: (3,) f, specific force, m/s².
 
     Returns:
@@ -72,8 +72,8 @@ def apply_gyro_scale(pair: Pair, foot: int, rate: Vec3, t_ns: int) -> None:
     two feet that observe each other do. Unmodelled, it appears as a longer or shorter step (Titterton & Weston 2004,
     12.3).
 
-    Nothing is done while the foot is aligned, after a gap longer than `MAX_GAP_S`, for a sample that is out of order,
-    and if the scale is no unknown (variance 0).
+    Nothing is done before the foot's alignment has ended, after a gap longer than `MAX_GAP_S`, for a sample that is out
+    of order, and if the scale is no unknown (variance 0).
 
     Args:
         pair: State of both feet, whose covariance is changed in place.

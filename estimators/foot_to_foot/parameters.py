@@ -13,7 +13,7 @@ import numpy as np
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, as_record
 from stridetwin.streams.errors import check_numbers
 
-_MAY_BE_ZERO = ("camera_", "board_", "gyro_scale_", "scaled_")
+_MAY_BE_ZERO = ("camera_", "board_", "gyro_scale_", "scaled_")  # beginnings of names
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,7 +118,11 @@ if TYPE_CHECKING:
 
     @dataclass(frozen=True, kw_only=True)
     class PairParameters(FootToFootParameters, PublishedParameters):
-        """What the kernel of either method reads; see `for_kernel`."""
+        """The numbers of both groups of parameters, which the kernel of either method reads; see `for_kernel`.
+
+        Attributes:
+            is_published: Whether the kernel runs the published method.
+        """
 
         is_published: bool
 

@@ -106,23 +106,26 @@ def board_update(
         return UNUSED
     since_s = (t_ns - pair.seen[camera]) * 1e-9
     # variance by which the camera's clock has drifted since its last observation, s²
-    walked = 0.0 if pair.seen[camera] == NEVER else parameters.camera_clock_walk_s_rts**2 * since_s
+    clock_variance = 0.0 if pair.seen[camera] == NEVER else parameters.camera_clock_walk_s_rts**2 * since_s
     p, R = board_in_camera(pair, camera, a, b)  # predicted pose; its derivatives are now in `work.jacobian`
     work, board, P = pair.work, pair.board, pair.covariance
     write_pose_covariance(pair.covariance, work, board)  # of the predicted pose, into `board.covariance`
     for i in range(6):  # the drift of the clock is part of the predicted pose's covariance
         for j in range(6):
             by_clock = work.jacobian[i, CLOCKS + camera] * work.jacobian[j, CLOCKS + camera]
-            board.covariance[i, j] += walked * by_clock
-    # An error of a foot's rotation since the exposure moves all points alike.
-    rotated = m * foot.gyro_noise_radps_rthz**2 * (abs(a.age) + abs(b.age))
+            board.covariance[i, j] += clock_variance * by_clock
+    # An error of a foot's rotation since the exposure moves all m points alike: with m times its variance in each, they
+    # count as one measurement of it.
+    rotation_variance = m * foot.gyro_noise_radps_rthz**2 * (abs(a.age) + abs(b.age))
     frame_s = min(max(since_s, 1e-3), _MAX_FRAME_S)  # time that this observation counts for
     shared = math.sqrt(max(1.0, parameters.observation_correlation_s / frame_s))
     # a bad fit increases the noise of this image by the factor `image_misfit`; that of all images grows by `shared`
-    in_front, image_misfit = reduce_measurement(board, p, R, m, points_in_board, rays, ray_sd, rotated, shared)
+    in_front, image_misfit = reduce_measurement(
+        board, p, R, m, points_in_board, rays, ray_sd, rotation_variance, shared
+    )
     if not in_front:
         return UNUSED
-    P[CLOCKS + camera, CLOCKS + camera] += walked  # once: the next observation counts from this one
+    P[CLOCKS + camera, CLOCKS + camera] += clock_variance  # once: the next observation counts from this one
     _measure_states(work, board.reduced, 1.0 / (image_misfit * shared))
     length = apply_gated_update(P, pair.error, work, 0, 6, parameters.observation_gate)
     # statistics of consistency: with the noise of a single image, not that of the correlated ones; 6 numbers

@@ -132,12 +132,12 @@ class Shoes:
 
     Attributes:
         imus: Calibration of the IMU of each foot that has one, by `l` and `r`.
-        cameras: Calibration of the camera of each foot that has one.
-        boards: Board of each foot that has one.
-        mounts: (4, 7) position (m) and quaternion of camera left, camera right, board left, board right, each in its
-            foot's IMU.
+        cameras: Calibration of the camera of each foot that has one, by `l` and `r`.
+        boards: Board of each foot that has one, by `l` and `r`.
+        mounts: (4, 7) position (m) and quaternion (w, x, y, z) of camera left, camera right, board left, board right,
+            each in its foot's IMU.
         sonars: (2, 3) each foot's sonar in its IMU, m.
-        sonar_topics: Topic of each foot's sonar, "" where there is none.
+        sonar_topics: Topic of each foot's sonar, left and right, "" where there is none.
     """
 
     imus: dict[str, ImuCalibration]

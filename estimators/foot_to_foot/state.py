@@ -163,8 +163,8 @@ class Events(NamedTuple):
         t_ns: (N,) int64, times.
         foot: (N,) int8; of an aid, the foot that carries the camera or the sonar.
         row: (N,) int64 of the event in the arrays of its kind.
-        rate: (I, 3) rad/s.
-        force: (I, 3) m/s², specific force.
+        rate: (I, 3) rad/s, angular rate of each IMU sample.
+        force: (I, 3) m/s², specific force of each.
         points: (S, M, 3) board points of each observation, board frame, m; only the first `numbers` are valid.
         rays: (S, M, 2) normalised image coordinates of the points.
         numbers: (S,) int64, how many points each observation has.

@@ -9,6 +9,7 @@ from stridetwin.estimators.gait_phase.stride import StrideFilter
 from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
 
 Vec3 = tuple[float, float, float]
+# Values marked [tuned] are of the walks of `GaitPhaseParameters`.
 _SWING_RATE_RADPS = 1.0  # a foot that swings forward pitches up faster than this
 _MAX_STEP_S = 0.05  # a change of force over a longer sampling interval gives no jerk
 _PEAK_S = 0.12  # an impact's peak follows within this time
@@ -149,12 +150,13 @@ class ContactDetector:
             stride: The filter of the running stride.
 
         Returns:
-            Likely time of a touch-down that was missed, ns: two reversals without one between say so; else None.
+            Likely time of a touch-down that was missed, ns, if a swing begins although the last one has not ended;
+            else None.
         """
         last_ns = max(self._touch_down_ns, self._reversal_ns)
-        share = 0.5 if self.is_swing else 0.25
+        waiting_share = 0.5 if self.is_swing else 0.25  # of a usual stride, in which nothing is a push-off
         # whether enough time has passed for a push-off
-        is_armed = last_ns < 0 or (t_ns - last_ns) * 1e-9 > share * stride.usual_s
+        is_armed = last_ns < 0 or (t_ns - last_ns) * 1e-9 > waiting_share * stride.usual_s
         if is_armed and pitch_rate > self._p.push_off_radps:
             self._is_pushing = True
         # a foot that pivots in a turn may swing without pushing off
@@ -164,4 +166,7 @@ class ContactDetector:
         self._swing_rate, self._swing_rad = -pitch_rate, 0.0
         has_missed = self.is_swing and stride.begin_ns >= 0  # this swing begins although the last one has not ended
         self.is_swing, self._is_pushing, self._reversal_ns = True, False, t_ns
-        return max(t_ns - round(1e9 * _TOE_OFF_SHARE * stride.usual_s), last_ns) if has_missed else None
+        if not has_missed:
+            return None
+        # the usual time from a touch-down to the reversal before now, but not before the last event
+        return max(t_ns - round(1e9 * _TOE_OFF_SHARE * stride.usual_s), last_ns)

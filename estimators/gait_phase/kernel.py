@@ -22,7 +22,8 @@ STRIDE_S = np.exp(LOG_STRIDE)
 _FREEDOM = 4.0  # of Student's t: single deviations from the template are no outliers to be rejected, but weak evidence
 IMPOSSIBLE = -1e4  # log-weight of a hypothesis whose stride time has passed
 # Probability of a stride of quite another length, such as the first and the last, and standard deviation of the
-# logarithm of its time [tuned]. Doubled: such strides are recognised earlier, regular ones are less certain.
+# logarithm of its time [tuned on the walks of `GaitPhaseParameters`]. Doubled: such strides are recognised earlier,
+# regular ones are less certain.
 _IRREGULAR_SHARE, _IRREGULAR_SD = 0.15, 0.15
 
 _entry_kernel = entry_kernel(Path(__file__).parent, llvm_level=1)
@@ -66,7 +67,10 @@ class StrideRatios(NamedTuple):
 
 @njit(**INNER_KERNEL)
 def _log_t(deviation: float, variance: float) -> float:
-    """Logarithm of the density of Student's t with `_FREEDOM` degrees of freedom, without its constant."""
+    """Logarithm of the density of Student's t with `_FREEDOM` degrees of freedom, without its constant.
+
+    `deviation` is the difference from the mean, and `variance` the squared scale of the distribution.
+    """
     return -0.5 * (_FREEDOM + 1.0) * math.log(1.0 + deviation * deviation / (variance * _FREEDOM)) - 0.5 * math.log(
         variance
     )
@@ -120,8 +124,8 @@ def weigh_hypotheses(
         they stand.
     """
     largest = IMPOSSIBLE
-    for c in range(N_STRIDE_KINDS):
-        for j in range(CELLS):
+    for c in range(N_STRIDE_KINDS):  # kind of stride
+        for j in range(CELLS):  # stride time
             phase = since_s / STRIDE_S[j]  # docs/gait_phase.md (2)
             if phase >= 1.0:
                 belief.walk[c, j] = IMPOSSIBLE

@@ -77,8 +77,8 @@ class StrideFilter:
         self._belief = Belief(walk=np.zeros((N_STRIDE_KINDS, CELLS)), stand=np.zeros(1))
         self._template = Template(mean=PITCH_RATE.copy(), variance=np.square(PITCH_RATE_SD))
         is_level = (BEFORE == LEVEL) & (AFTER == LEVEL)  # strides on the level are what the ratios relate to
-        variance = np.where(is_level, 0.0, _RATIO_SD**2)
-        self._ratios = StrideRatios(log_mean=LOG_RATIO.copy(), variance=variance)
+        ratio_variance = np.where(is_level, 0.0, _RATIO_SD**2)
+        self._ratios = StrideRatios(log_mean=LOG_RATIO.copy(), variance=ratio_variance)
         # (N_STRIDE_KINDS,) number of strides that each template averages, or is worth
         self._strides = np.full(N_STRIDE_KINDS, _TEMPLATE_STRIDES)
         off, level = _STAIRS_END_SHARE, 1.0 - 2.0 * p.stairs_share
@@ -155,7 +155,7 @@ class StrideFilter:
         cell = min(int(np.searchsorted(STRIDE_S, stride_s)), CELLS - 1)
         column = self._belief.walk[:, cell]  # (N_STRIDE_KINDS,) log-weight of each kind, given the stride time
         kind = np.exp(column - column.max())  # (N_STRIDE_KINDS,) probability of each kind, once it sums to 1
-        # where all hypotheses of this stride time had become impossible, the prior decides
+        # where all hypotheses of this stride time were as good as impossible, the prior counts too
         kind *= self._landing[BEFORE] * self._transition if column.max() < 0.1 * IMPOSSIBLE else 1.0
         kind = kind / kind.sum()
         ratio_variance = float((kind * self._ratios.variance).sum())
@@ -192,5 +192,6 @@ class StrideFilter:
         # (BINS,) pitch rate times stride time in the middle of each phase bin, minus the template's
         error = np.interp(_BIN_CENTERS * stride_s, self._times[stored], self._rates[stored]) * stride_s
         error -= self._template.mean[kind]
+        # weighted mean and variance with the weight `gain` of the newest stride; `error` is from the mean before it
         self._template.mean[kind] += gain * error
         self._template.variance[kind] += gain * ((1.0 - gain) * np.square(error) - self._template.variance[kind])

@@ -94,7 +94,8 @@ def find_next_change(
     beyond = chain.on[:, index:].sum(axis=1) > 0.5  # (K,) whether each step more likely lands beyond the change
     if beyond.any():
         in_s, in_sd_s = times[int(beyond.argmax())]
-    else:  # `more`: number of usual steps from the last predicted one to the change
+    else:
+        # usual steps from the last predicted one to the change; the uncertainty grows with the number of all steps
         more = math.ceil(max(0.0, segment.start - moments(chain.density[-1], s)[0]) / step_m)
         in_s, in_sd_s = times[-1][0] + more * step_s, times[-1][1] * (1.0 + more / len(times))
     place = line.origin + segment.start * line.forward
@@ -174,7 +175,7 @@ def _flight_at(estimate: TerrainEstimate, place: Array, forward: Array, up: bool
     flights = []
     for flight in estimate.stairs:
         cosine = float(flight.up @ forward) * (1.0 if up else -1.0)  # between path and way up, or way down
-        away = np.abs(flight.edges - float(flight.up @ place))  # (steps,) m, from each edge; NaN where it was not found
+        away = np.abs(flight.edges - float(flight.up @ place))  # (steps,) m, from each edge
         if cosine >= _FLIGHT_COSINE and (away < _FLIGHT_MATCH_M).any():
             flights.append(flight)
     return max(flights, key=lambda flight: flight.steps, default=None)

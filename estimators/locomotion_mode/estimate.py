@@ -19,7 +19,7 @@ class StepPrediction:
     Attributes:
         step: Number of the step: touch-downs up to and including it.
         foot: `l` or `r`; "" while the next foot is unknown.
-        mode: The most likely one.
+        mode: The most likely of `MODES`.
         probabilities: Probability of each of `MODES`.
         t_ns: Time of its touch-down.
         t_sd_s: Standard deviation of that time, s.
@@ -27,7 +27,7 @@ class StepPrediction:
         covariance: (2, 2) m², its covariance along world x and y; NaN for the published method.
         slope: Slope of the ground under it in the walking direction, rad, uphill positive, also where it is too gentle
             for a ramp; NaN for the published method.
-        slope_sd: Standard deviation, rad.
+        slope_sd: Standard deviation of `slope`, rad.
     """
 
     step: int
@@ -50,15 +50,15 @@ class NextChange:
         mode: Mode of the first step beyond it.
         p_in_world: (2,) m, where the path crosses its edge or slope break.
         distance: Distance from the walker's body along the path, m.
-        distance_sd: Standard deviation, m.
+        distance_sd: Standard deviation of `distance`, m.
         time_s: Time until the first touch-down beyond it.
-        time_sd_s: Standard deviation, s.
+        time_sd_s: Standard deviation of `time_s`, s.
         riser: Height of a step, m, down negative; NaN if not stairs, as are the next three.
-        riser_sd: Standard deviation, m.
+        riser_sd: Standard deviation of `riser`, m.
         tread: Depth of a step, m; NaN also while only one edge is known.
-        tread_sd: Standard deviation, m.
+        tread_sd: Standard deviation of `tread`, m.
         slope: Slope of a ramp in the walking direction, rad, uphill positive; NaN on stairs.
-        slope_sd: Standard deviation, rad.
+        slope_sd: Standard deviation of `slope`, rad.
     """
 
     mode: str
@@ -87,7 +87,7 @@ class ModeEstimate:
         heading: Walking direction in the world, rad from x.
         p_body_in_world: (3,) m, the body that carries the camera: neck for a head mount, waist for a chest mount.
         step_length: Expected step length on even ground, m.
-        step_length_sd: Standard deviation, m.
+        step_length_sd: Standard deviation of `step_length`, m.
         step_time: Expected step time, s.
     """
 

@@ -44,6 +44,7 @@ from stridetwin.streams.samples import Array, Depth, Insole, Odometry, Sample
 
 METHODS = (PROPOSED, "published")
 INSOLES = ("/foot_l/insole", "/foot_r/insole")
+"""Topics of the insoles, left and right."""
 _BACK_M = 2.4
 """How far behind the start of the path the ground is read from the map."""
 _MAX_HEIGHT_M = 2.2
@@ -64,8 +65,8 @@ class LocomotionMode:
 
     Args:
         rig: Rig with a depth camera.
-        options: `poses_of`, the frame of the poses; `method`, one of `METHODS`: the first, or `published`,
-            Zhao 2023 (16)-(18).
+        options: Two of them are read. `poses_of` is the frame of the poses. `method` is one of `METHODS`: `proposed`,
+            or `published`, which is Zhao 2023 (16)-(18).
         ground: Map of the ground for the same options; it is updated here with the same samples. None builds one.
         parameters: One set serves everyone. Dimensions of stairs and gates on poses are those of the map's parameters.
 

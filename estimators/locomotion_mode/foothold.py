@@ -32,7 +32,7 @@ from stridetwin.estimators.locomotion_mode.segments import (
 from stridetwin.streams.samples import Array
 
 _STRIDE = 3
-"""Footprints per stride."""
+"""Footprints of a stride: two steps have three."""
 GRID_M = 0.03
 """Cell of the density over the next footprints."""
 USUAL_HEIGHT_M = 1.3
@@ -87,7 +87,7 @@ class MeasuredStep(StepEstimate):
 
     Attributes:
         length: Horizontal distance from the previous footprint along the path, m.
-        length_sd: Standard deviation, m.
+        length_sd: Standard deviation of `length`, m.
     """
 
     length: float
@@ -287,7 +287,7 @@ class FootholdEstimator:
         self.reset(_STANDING_SD_M)
 
     def reset(self, sd_m: float = _WALKING_SD_M) -> None:
-        """Resets to an unknown walker: the foot's position then follows from the body alone, to `sd_m`."""
+        """Resets to an unknown walker: the foot is then at the body, with the standard deviation `sd_m`, m."""
         self._length = usual_steps(self._p.mode.step_m, self._p)  # length of steps on level ground, m
         # greatest height of the body over a foot, m
         self._tall = StepFilter(USUAL_HEIGHT_M, USUAL_HEIGHT_M, _TOP_ASYMMETRY_SD_M, _TOP_DRIFT_M, _TOP_NOISE_M)
@@ -417,11 +417,11 @@ class FootholdEstimator:
         ahead = self.s - BEHIND_M  # position relative to the body
         went = self.s - before - between  # (S,) length of the last step for each landing position, m
         # (S,) deviation of the foot from where the body implies it, after a step on even ground and over an edge, m
-        even = ahead + self._body_lead(ground, body) - 0.5 * went
-        over = ahead - _EDGE_AHEAD_M - _EDGE_AHEAD_SHARE * (went - self._p.mode.usual_tread_m)
+        off_even = ahead + self._body_lead(ground, body) - 0.5 * went
+        off_over = ahead - _EDGE_AHEAD_M - _EDGE_AHEAD_SHARE * (went - self._p.mode.usual_tread_m)
         likelihoods = Likelihoods(
-            even=_normal_density(even, _BODY_SD_M),
-            over=_normal_density(over, _EDGE_AHEAD_SD_M),
+            even=_normal_density(off_even, _BODY_SD_M),
+            over=_normal_density(off_over, _EDGE_AHEAD_SD_M),
             beside=_normal_density(ahead + _JOINED_AHEAD_M, _JOINED_AHEAD_SD_M),
         )
         chains = [
@@ -470,7 +470,8 @@ class FootholdEstimator:
         sd = math.hypot(landing_sd, before_sd)
         # probability of a step over an edge, or of one that joins the other foot
         off_level = self._shares @ [float(chain.modes[0, 1] + chain.modes[0, 2] + chain.joined[0]) for chain in chains]
-        # twice that probability is subtracted: a step that is as likely off the level as on it updates nothing
+        # probability that the step is comparable to others; twice `off_level` is subtracted, so that a step that is as
+        # likely off the level as on it updates nothing
         even = straight * (1.0 - min(1.0, 2.0 * float(off_level)))
         # the terrain segments under both feet
         segment_behind, segment_ahead = (ground[segment_under(ground, s, self._p)] for s in (before, landing_s))

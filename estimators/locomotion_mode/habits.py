@@ -153,8 +153,8 @@ class Habits:
 def step_weights(ground: Sequence[Segment], habit: Habit, settings: Settings) -> tuple[Array, Array]:
     """(P, P) weights of steps between segments: on even ground (no edge crossed), and over edges.
 
-    No step goes backward. A step over m edges has the weight 0.01^(m−1); γ of docs/locomotion_mode.md (15) applies to
-    steps that walkers of the habit hardly ever take.
+    No step goes backward. A step over m edges has the weight `_SKIP`^(m−1). Steps that walkers of the habit hardly ever
+    take have the weight γ of docs/locomotion_mode.md (15).
 
     Args:
         ground: P terrain segments.

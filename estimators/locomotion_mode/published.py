@@ -178,11 +178,12 @@ def predict_published_steps(
         t_ns: Current time.
         settings: Thresholds of ramps and stairs.
     """
-    # size of a step, m; (2,) m, previous footprint, None while it is unknown
-    size, before, steps = walking.next_size(), walking.stance(), []
+    size = walking.next_size()  # of a step, m
+    before = walking.stance()  # (2,) m, previous footprint; None while it is unknown
+    steps = []
     for k, foot in enumerate(rhythm.next_feet()):
         footprint = walking.footprint(k + 1)
-        # time of the landing; one that is overdue is expected soon
+        # time of the landing; one that is overdue is expected `SOON_S` from now, each later one as much later
         at_ns = max(rhythm.down_ns + int(1e9 * (k + 1) * step_s), t_ns + int(1e9 * SOON_S * (k + 1)))
         place, height, mode = body, math.nan, "LG"
         if footprint is not None:

@@ -128,28 +128,40 @@ def roll_out(
     shifts = length_sd * _NODES  # (H,) common changes of all steps, m: nodes of a Gaussian quadrature
     band = round(_MAX_STEP_M / (s[1] - s[0]))  # number of cells that a step may reach
     kinds = list(dict.fromkeys(lengths))  # steps of equal length are of one kind and share their kernels
-    kind = np.array([kinds.index(length) for length in lengths])
+    kind = np.array([kinds.index(length) for length in lengths])  # (K,) index of each step's kind
     noise = settings.mode.step_noise
     step_kernels = [_build_kernels(s, level, unsure, length, shifts, band, noise) for length in kinds]
     # (L, P, S) sums over the landing cells, by kind of step, segment and cell: of ordinary steps of any walker, of
-    # those of this habit, and of joining steps; their ratios are `scale` and `share` of `_Steps`
+    # those of this habit, and of joining steps; their ratios are `step_factor` and `join_factor` of `_Steps`
     usual_sums = _sum_steps(weight, *plain, step_kernels)
-    scale = np.ones_like(usual_sums)
+    step_factor = np.ones_like(usual_sums)
     if not habit.is_usual:
-        scale = usual_sums / np.maximum(_sum_steps(weight, even, over, step_kernels), _LEAST)
+        step_factor = usual_sums / np.maximum(_sum_steps(weight, even, over, step_kernels), _LEAST)
     beside_sums = [_sum_beside(kernels.beside, even @ weight) for kernels in step_kernels]
-    share = usual_sums / np.maximum(beside_sums, _LEAST)
+    join_factor = usual_sums / np.maximum(beside_sums, _LEAST)
     if landing is not None:  # the last step has its own kind
         step_kernels.append(_apply_likelihoods(step_kernels[kind[-1]], landing))
-        share, scale = (np.append(of_kind, of_kind[kind[-1], None], axis=0) for of_kind in (share, scale))
+        join_factor, step_factor = (
+            np.append(of_kind, of_kind[kind[-1], None], axis=0) for of_kind in (join_factor, step_factor)
+        )
         kind[-1] = len(kinds)
-    near, far, beside = (np.array([of_kind[i] for of_kind in step_kernels]) for i in range(3))
+    near = np.array([kernels.near for kernels in step_kernels])  # (L, H, S, B)
+    far = np.array([kernels.far for kernels in step_kernels])  # (L, S, B)
+    beside = np.array([kernels.beside for kernels in step_kernels])  # (L, S, W)
     first = stance[:, None, :] * weight  # (2, P, S) density of the stance foot by segment
     mass = float(first.sum())
     # (H, 2, P, S), sums to 1: each common change of all steps has the weight of its node
     first = _NODE_WEIGHTS[:, None, None, None] * first / (_NODE_WEIGHTS.sum() * max(mass, _LEAST))
     joins = np.array([habit.joins[min(k, 1)] for k in range(len(kind))])  # (K,) the next step, then all later ones
-    steps = _Steps(kind=kind, near=near, far=far, beside=beside, scale=scale, share=share, joins=joins)
+    steps = _Steps(
+        kind=kind,
+        near=near,
+        far=far,
+        beside=beside,
+        step_factor=step_factor,
+        join_factor=join_factor,
+        joins=joins,
+    )
     density, on, flow, ends, joined, evidence = _sum_chains(first, weight, even, over, steps)
     modes = np.einsum("kab,abm->km", flow, mode_table(ground, settings))
     last = ends.sum(axis=(0, 2))  # (2, S) without the common change and the segment
@@ -171,12 +183,12 @@ class _Steps(NamedTuple):
         near: (L, H, S, B) κ_even.
         far: (L, S, B) κ_edge.
         beside: (L, S, W) N(s_k − s_(k−1); 0, σ_b²) of docs/locomotion_mode.md (14).
-        scale: (L, P, S) factor of `near` and `far` by segment and cell, docs/locomotion_mode.md (15): all steps from a
-            cell together weigh the same for any habit, so a step is evidence only for habits that make it more often
-            than other steps.
-        share: (L, P, S) ρ of docs/locomotion_mode.md (14), factor of `beside`: all joining steps from a cell weigh as
-            much as all others from there, so their probability does not depend on how rarely an ordinary step finds a
-            foothold.
+        step_factor: (L, P, S) factor of `near` and `far` by segment and cell, docs/locomotion_mode.md (15): all steps
+            from a cell together weigh the same for any habit, so a step is evidence only for habits that make it more
+            often than other steps.
+        join_factor: (L, P, S) ρ of docs/locomotion_mode.md (14), factor of `beside`: all joining steps from a cell
+            weigh as much as all others from there, so their probability does not depend on how rarely an ordinary step
+            finds a foothold.
         joins: (K,) q of docs/locomotion_mode.md (14): probability of a joining step where the previous one crossed an
             edge.
     """
@@ -185,8 +197,8 @@ class _Steps(NamedTuple):
     near: Array
     far: Array
     beside: Array
-    scale: Array
-    share: Array
+    step_factor: Array
+    join_factor: Array
     joins: Array
 
 
@@ -335,15 +347,15 @@ def _sum_chains(
     Args:
         first: (H, 2, P, S) density of the stance foot by change of step length, x, segment and cell.
         weight: (P, S) weight u of each foothold.
-        even: (P, P) 1 where a step between segments crosses no edge.
-        over: (P, P) probability of a step that crosses edges.
+        even: (P, P) weights of steps between segments on even ground.
+        over: (P, P) weights of steps over edges.
         steps: The coming steps.
 
     Returns:
         (K, S) density of each footprint, (K, P) of its segment, (K, P, P) of its transition, each sums to 1; (H, 2, P,
         S) density of the last footprint, as `first`; (K,) probability that a step joins; the sum over all chains.
     """
-    kind, near, far, beside, scale, share, joins = steps
+    kind, near, far, beside, step_factor, join_factor, joins = steps
     _, H, S, B = near.shape
     K, P = len(kind), len(weight)
     alpha = np.zeros((K + 1, H, 2, P, S))
@@ -358,7 +370,7 @@ def _sum_chains(
                 for p in range(S):
                     crossed = alpha[k, h, 1, a, p]
                     # steps that do not join: α(x=0) + (1 - q) α(x=1)
-                    v = (alpha[k, h, 0, a, p] + (1.0 - joins[k]) * crossed) * scale[kind[k], a, p]
+                    v = (alpha[k, h, 0, a, p] + (1.0 - joins[k]) * crossed) * step_factor[kind[k], a, p]
                     if v >= _MIN_DENSITY:
                         n = min(B, S - p)  # cells from p on, up to the end of the path
                         _spread(
@@ -368,7 +380,7 @@ def _sum_chains(
                             reach_near[k, h, a, p : p + n],
                             reach_far[k, h, a, p : p + n],
                         )
-                    v = joins[k] * share[kind[k], a, p] * crossed  # q ρ α(x=1): the foot joins the other one
+                    v = joins[k] * join_factor[kind[k], a, p] * crossed  # q ρ α(x=1): the foot joins the other one
                     if v >= _MIN_DENSITY:
                         _spread_beside(v, beside[kind[k], p], reach_near[k, h, a], p)
             for a in range(P):  # from segment a, where the step begins, to segment b
@@ -413,10 +425,11 @@ def _sum_chains(
                     v = _gather(
                         near[kind[k], h, p, :n], far[kind[k], p, :n], onto_even[a, p : p + n], onto_over[a, p : p + n]
                     )
-                    v *= scale[kind[k], a, p]
+                    v *= step_factor[kind[k], a, p]  # all steps from here that do not join
                     back[h, 0, a, p] = v
                     if crossed >= _MIN_DENSITY:
-                        w = joins[k] * share[kind[k], a, p] * _gather_beside(beside[kind[k], p], onto_even[a], p)
+                        gathered = _gather_beside(beside[kind[k], p], onto_even[a], p)
+                        w = joins[k] * join_factor[kind[k], a, p] * gathered  # those that join
                         back[h, 1, a, p] = (1.0 - joins[k]) * v + w  # after a step over an edge, the foot may join
                         beside_all += crossed * w
                     largest = max(largest, v, back[h, 1, a, p])

@@ -41,7 +41,7 @@ _KNOWN_RISER_SD_M, _KNOWN_TREAD_SD_M = 0.01, 0.03
 _UNDER_M, _BEGIN_SD_M = 0.5, 0.1
 """Ground first observed farther ahead of the body than this begins there, with this standard deviation."""
 _MAX_SEGMENTS = 10
-"""Farther segments are omitted."""
+"""Largest number of segments along a path; farther ones are omitted."""
 _HIDDEN_PER_SD = 4.0
 """Length occluded behind an edge, divided by the edge's standard deviation in the map."""
 _HIDDEN_RISER_SD, _HIDDEN_TREAD_SD = 0.40, 0.15
@@ -62,13 +62,13 @@ class Segment:
 
     Attributes:
         start: m along the path, -inf for the first.
-        start_sd: Standard deviation, m.
+        start_sd: Standard deviation of `start`, m.
         end: m, inf for the last.
-        end_sd: Standard deviation, m.
+        end_sd: Standard deviation of `end`, m.
         drop: Height at its start over the end of the previous segment, m; 0 at a slope break.
         drop_sd: Standard deviation where unobserved, m.
         slope: rad, uphill positive.
-        slope_sd: Standard deviation, rad.
+        slope_sd: Standard deviation of `slope`, rad.
         mapped_slope: Slope in the map, which may lean.
         mode: Mode of steps within the segment: LG, RA or RD.
     """
@@ -145,10 +145,17 @@ def segments_along(
             slope=float(slope[k]),
             slope_sd=float(sd[k]),
             mapped_slope=float(mapped[k]),
-            mode="LG" if abs(slope[k]) < p.mode.min_ramp_slope_rad else "RA" if slope[k] > 0 else "RD",
+            mode=_mode_of_slope(float(slope[k]), p),
         )
         for k, (one, other) in enumerate(pairwise(bounds))
     ]
+
+
+def _mode_of_slope(slope: float, p: Settings) -> str:
+    """Mode of steps on ground of a slope (rad, uphill positive): LG up to `min_ramp_slope_rad`, else RA or RD."""
+    if abs(slope) < p.mode.min_ramp_slope_rad:
+        return "LG"
+    return "RA" if slope > 0 else "RD"
 
 
 def _without_small_objects(changes: Iterable[Change], p: Settings) -> list[Change]:
@@ -280,7 +287,7 @@ def _to_bounds(change: Change, usual: Stairs | None, p: Settings) -> list[_Bound
     if hidden / (count - 1) < MIN_FOOTHOLD_M:  # so many treads do not fit into the hidden length
         count = 1 + int(hidden / MIN_FOOTHOLD_M)
     tread, drop = min(hidden / max(count - 1, 1), tread), change.drop / count
-    return [
+    return [  # the standard deviation of the place grows from tread to tread
         _Bound(edge_s + k * tread, OCCLUDED_EDGE_SD_M + tread_sd * k * tread, drop, riser_sd * abs(drop))
         for k in range(count)
     ]
@@ -446,7 +453,8 @@ def foothold_weights(ground: Sequence[Segment], s: Array, p: Settings) -> Array:
     weights[1:] *= _foothold_weight(inside, start_sd[1:], drop[1:]) * _probability_beyond(
         middle, start[1:], start_sd[1:]
     )
-    # ahead: a riser before a step up, a free edge before a step down
+    # Ahead: a riser before a step up, a free edge before a step down. With both signs reversed, to be before the end is
+    # to be beyond it.
     inside = end[:-1, None] - s - p.mode.toe_m
     weights[:-1] *= _foothold_weight(inside, end_sd[:-1], -drop[1:]) * _probability_beyond(
         -middle, -end[:-1], end_sd[:-1]
@@ -469,7 +477,9 @@ def _foothold_weight(inside: Array, sd: Array, fall: Array) -> Array:
 
 
 def _probability_beyond(s: Array, start: Array, sd: Array) -> Array:
-    """(N, S) probability that each position lies beyond each edge; tanh approximates the normal distribution.
+    """(N, S) probability that each position lies beyond each edge.
+
+    (1 + tanh(x / 1.2)) / 2 is within 0.02 of the normal distribution.
 
     Args:
         s: (S,) m, positions.

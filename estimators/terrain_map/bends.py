@@ -38,7 +38,7 @@ class Stretch(NamedTuple):
         slope: Rise over run.
         slope_sd: Standard deviation of the slope.
         break_s: Where it begins with a bend, m; NaN for the first stretch.
-        break_sd: Standard deviation, m.
+        break_sd: Standard deviation of `break_s`, m; NaN for the first stretch.
     """
 
     first: int
@@ -54,7 +54,8 @@ class Stretch(NamedTuple):
 def straight_stretches(s: Array, height: Array, first: int, last: int, min_bend_rad: float) -> list[Stretch]:
     """Cuts samples of one plane into straight stretches at its bends, docs/terrain_map.md (12).
 
-    Fewer than two stretches are returned if nothing bends, and none if the ground jumps or bulges.
+    A single stretch is returned if nothing bends, and none if the ground jumps or bulges, or if too few heights are
+    known.
 
     Args:
         s: (N,) m along the line.
@@ -167,8 +168,8 @@ def _find_best_bend(x: Array, z: Array, min_bend_rad: float | None = None) -> in
     Args:
         x: (M,) m along the line.
         z: (M,) m, heights.
-        min_bend_rad: Smallest bend, rad. None: any bend counts, also one that leaves others, because up and down again
-            is a small bend.
+        min_bend_rad: Smallest bend, rad. None: any bend counts, however small its angle and whatever other bends leave:
+            up and down again is a small bend, too.
     """
     n = len(x)
     if n < 2 * _MIN_BINS:
@@ -187,7 +188,7 @@ def _find_best_bend(x: Array, z: Array, min_bend_rad: float | None = None) -> in
     # β, the change of slope, and what scatter is left: no less than noise
     bend = along[best] / max(float(power[best]), 1e-12)
     residual_variance = max(float(residual @ residual - gain[best]) / n, _NOISE_M**2)
-    if min_bend_rad is None:
+    if min_bend_rad is None:  # bends that this one leaves are no scatter, so noise alone counts
         residual_variance, min_bend_rad = _NOISE_M**2, 0.0
     if abs(bend) < math.tan(min_bend_rad) or gain[best] < _MIN_BEND_SD**2 * residual_variance:
         return None

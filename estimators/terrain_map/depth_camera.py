@@ -231,7 +231,7 @@ class Poses:
     def at(self, t_ns: int) -> Array | None:
         """(4, 4) frame to world at a time: the last pose, propagated by its velocity where it has one.
 
-        None if the last pose is older than `max_pose_age_s`.
+        None without a pose, or if the last one is more than `max_pose_age_s` before or after that time.
         """
         pose = self._last
         if pose is None or abs(t_ns - pose.t_ns) > self._p.max_pose_age_s * 1e9:

@@ -87,7 +87,7 @@ class Ramp:
         id: Constant over the lifetime of its plane.
         plane: The plane's id.
         slope: rad, > 0.
-        slope_sd: Standard deviation, rad.
+        slope_sd: Standard deviation of `slope`, rad.
         heading: Direction of steepest ascent in the world, rad from x.
     """
 
@@ -112,7 +112,7 @@ class Stairs:
         start: Position of the first edge, m along that direction from the world's origin.
         base: Height of the lowest plane at the first edge, m.
         covariance: (5, 5) of (riser, tread, heading, start, base); inf where unknown.
-        edges: (steps,) m along the direction of ascent, each measured edge; NaN where it was not found.
+        edges: (steps,) m along the direction of ascent from the world's origin, each measured edge.
         risers: (steps,) m, each measured riser.
         across: (2,) m, lateral extent of the edges (2nd and 98th percentile of their points), positive to the left
             of the direction of ascent.
@@ -148,7 +148,7 @@ class TerrainEstimate:
         t_ns: Time of the depth image.
         planes: Planes by id.
         terrains: Levels, ramps and stairs.
-        p_camera_in_world: (3,) m.
+        p_camera_in_world: (3,) m, position of the camera.
     """
 
     t_ns: int
@@ -183,7 +183,7 @@ class Change:
     """A change of the ground along a line.
 
     Attributes:
-        kind: `edge`, a height step, or `slope_break`, a slope break.
+        kind: `edge` where the height steps, `slope_break` where the slope changes.
         s: m along the line.
         sd: Standard deviation of `s`, m.
         drop: Height after minus height before, m; 0 at a slope break.

@@ -55,11 +55,12 @@ class Open3dVolume:
         self._camera, self._p = camera, parameters
         self._K = self._tensor(_matrix(camera.intrinsics))
         self._shape = camera.shape[0] // _SMOOTHED, camera.shape[1] // _SMOOTHED
-        # of the smoothed image: fu, fv, pu, pv, and the (h, w, 3) rays of its pixels at depth 1
-        # the middle of its pixel 0 lies between the first `_SMOOTHED` pixels of the camera's image
+        # (4,) fu, fv, pu, pv of the smoothed image: the middle of its pixel 0 lies between the first `_SMOOTHED` pixels
+        # of the camera's image
         self._intrinsics = (camera.intrinsics - np.array([0.0, 0.0, 1.0, 1.0]) * (_SMOOTHED - 1) / 2) / _SMOOTHED
         v, u = np.mgrid[: self._shape[0], : self._shape[1]]
         fu, fv, pu, pv = self._intrinsics
+        # (h, w, 3) rays of its pixels at depth 1, camera's axes
         self._rays = np.stack([(u - pu) / fu, (v - pv) / fv, np.ones(self._shape)], axis=-1)
         self._band = parameters.truncation_m / parameters.voxel_size_m  # truncation, voxels
         self.clear()
@@ -118,10 +119,11 @@ class Open3dVolume:
             hashmap.erase(self._o3d.core.Tensor(keys[~near]))
         # middles of the blocks in the camera's axes; they may lie beside the image by up to two edges of a block
         x, y, z = (offset @ self._T_grid_camera[:3, :3]).T
-        radius, (fu, fv, pu, pv), (height, width) = block_m, self._camera.intrinsics, self._camera.shape
+        (fu, fv, pu, pv), (height, width) = self._camera.intrinsics, self._camera.shape
+        # largest |x| / z and |y| / z in the image
         slope_u, slope_v = max(pu, width - pu) / fu, max(pv, height - pv) / fv
-        seen = (z > 0.0) & (z < p.max_range_m + radius)
-        seen &= (np.abs(x) < slope_u * z + 2.0 * radius) & (np.abs(y) < slope_v * z + 2.0 * radius)
+        seen = (z > 0.0) & (z < p.max_range_m + block_m)
+        seen &= (np.abs(x) < slope_u * z + 2.0 * block_m) & (np.abs(y) < slope_v * z + 2.0 * block_m)
         return rows[near & seen], self._o3d.core.Tensor(keys[near & seen])
 
     def render_depth(self) -> NDArray[np.float32]:

@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass
 
 from stridetwin.streams.errors import ConfigError, check_numbers
 
+# pairs of parameters of which the first must be less than the second
 _ORDERED = (
     ("voxel_size_m", "truncation_m"), ("min_range_m", "max_range_m"), ("min_riser_m", "max_riser_m"),
     ("min_tread_m", "max_tread_m"), ("max_level_slope_rad", "max_tread_slope_rad"),

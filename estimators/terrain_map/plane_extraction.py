@@ -54,8 +54,8 @@ def min_columns(voxel_size_m: float) -> int:
 def cell_sums(points: Points, noise: Points) -> Array:
     """Sums over the points of each cell that fits a plane.
 
-    A cell is a node if enough of its points are valid, none lies off the plane by more than 3 standard deviations, and
-    its mean squared distance is no greater than its noise.
+    A cell is a node if enough of its points are valid, none lies off the plane by more than `_DISTANCE_GATE_SD`
+    standard deviations, and its mean squared distance from the plane is no greater than the variance of its noise.
 
     Args:
         points: (n, m, 3) m, NaN = no point.
@@ -158,7 +158,7 @@ def cluster(cells: Array) -> NDArray[np.int32]:
                     for s in range(SUMS):
                         common[s] = sums[a, s] + sums[b, s]
                     error = plane_misfit(common)
-                    if error <= common[10] / common[0]:
+                    if error <= common[10] / common[0]:  # mean of the points' own variances, m²
                         costs[e] = error
             if costs[e] < np.inf:
                 if best[a] < 0 or costs[e] < costs[best[a]]:
@@ -179,7 +179,8 @@ def cluster(cells: Array) -> NDArray[np.int32]:
                 merged = True
         if not merged:
             break
-        # Edges of merged planes now belong to the new plane, and their costs are unknown; doubles are removed.
+        # Edges of merged planes now belong to the new plane, and their costs are unknown. An edge to the neighbour seen
+        # last is a double and removed; doubles with others between them stay, which costs only time.
         kept = 0
         met[:] = -1
         for e in range(count):
@@ -267,8 +268,8 @@ def _label_points(points: Points, noise: Points, roots: Labels, sums: Array, lea
     """Assigns each point to the nearest walkable plane of the cells around it.
 
     Args:
-        points: (n, m, 3) m.
-        noise: (n, m) m.
+        points: (n, m, 3) m, grid axes, NaN = no point.
+        noise: (n, m) m, standard deviation of each point.
         roots: (R, C) root cell of each cell's plane, from `cluster`.
         sums: (R C, 11) sums of the planes at their root cells.
         least_up: Smallest z of a walkable plane's normal.
@@ -281,7 +282,7 @@ def _label_points(points: Points, noise: Points, roots: Labels, sums: Array, lea
     planes = np.empty((rows * columns, 4))
     count = 0
     for n in range(rows * columns):
-        if sums[n, 0] >= _VALID_SHARE * _MIN_CELLS * CELL * CELL:
+        if sums[n, 0] >= _VALID_SHARE * _MIN_CELLS * CELL * CELL:  # the least number of points of a large plane
             x, y, z, a, b, d, _ = fit_plane(sums[n])
             if d >= least_up:
                 number[n] = count
@@ -330,10 +331,10 @@ def _label_strips(points: Points, noise: Points, labels: Labels, planes: Array, 
     or walkable.
 
     Args:
-        points: (n, m, 3) m.
-        noise: (n, m) m.
-        labels: (n, m) changed in place.
-        planes: (P, 4) large planes.
+        points: (n, m, 3) m, grid axes, NaN = no point.
+        noise: (n, m) m, standard deviation of each point.
+        labels: (n, m) number of each point's plane, -1 = none; changed in place.
+        planes: (P, 4) large planes a x + b y + c z = d.
         least_up: Smallest z of a walkable plane's normal.
         fewest: Smallest number of columns of a strip.
 
@@ -376,7 +377,7 @@ def _label_strips(points: Points, noise: Points, labels: Labels, planes: Array, 
             plane = fit_plane(sums)
             limit = _STRIP_VARIANCE * sums[10] / size  # largest mean squared distance from a plane, m²
             if 0 <= beside < long:
-                q = planes[beside]
+                q = planes[beside]  # (4,) a, b, c, d
                 off = 0.0  # sum of the squared distances from the plane beside, m²
                 for s in range(size):
                     a, b = stack[s]

@@ -136,12 +136,12 @@ def fit_height_planes(
     xx, xy, xz, yy, yz = second - np.array([x * x, x * y, x * z, y * y, y * z])  # (N,) covariances
     spreads = np.stack([xx, xy, xy, yy], axis=1).reshape(-1, 2, 2)
     # (N,) variance of the mean height, σ² of docs/terrain_map.md (7): `alike` points count as one
-    share = np.maximum(sums[:, 10] / n * alike / n, 1e-12)
+    mean_variance = np.maximum(sums[:, 10] / n * alike / n, 1e-12)
     # (N, 2, 2) covariance of the slopes: inverse of the information of points and prior
-    of_slopes = np.asarray(np.linalg.inv(spreads / share[:, None, None] + slope_sd**-2 * np.eye(2)), float)
-    slopes = matvec(of_slopes, np.column_stack([xz, yz])) / share[:, None]
+    of_slopes = np.asarray(np.linalg.inv(spreads / mean_variance[:, None, None] + slope_sd**-2 * np.eye(2)), float)
+    slopes = matvec(of_slopes, np.column_stack([xz, yz])) / mean_variance[:, None]
     covariances = np.zeros((len(sums), 3, 3))
-    covariances[:, 0, 0] = share + common_m**2
+    covariances[:, 0, 0] = mean_variance + common_m**2
     covariances[:, 1:, 1:] = of_slopes + common_rad**2 * np.eye(2)
     return centres, slopes, covariances, spreads
 
@@ -184,11 +184,11 @@ def point_toward(centre: Array, spread: Array, x: float, y: float, border_m: flo
         Coordinates x and y of the point, m: (x, y) itself if it is well inside, and the centre of a narrow plane.
     """
     ox, oy = centre[0], centre[1]
-    x, y = x - ox, y - oy
+    x, y = x - ox, y - oy  # from the centre
     length = math.hypot(x, y)
     if length == 0.0:
         return ox, oy
-    x, y = x / length, y / length
+    x, y = x / length, y / length  # unit vector
     # of the points along the direction (x, y), m²
     variance = x * x * spread[0, 0] + 2.0 * x * y * spread[0, 1] + y * y * spread[1, 1]
     half = math.sqrt(3.0 * max(variance, 0.0))  # from the centre to the boundary, for uniformly distributed points
@@ -221,8 +221,8 @@ def rotate_planes(
     """Rotates N planes about the vertical; heights do not change.
 
     Args:
-        centres: (N, 3) m.
-        slopes: (N, 2) along x and y.
+        centres: (N, 3) m, centres of the planes' points.
+        slopes: (N, 2) slopes along x and y.
         covariances: (N, 3, 3) of height at the centre and slopes.
         spreads: (N, 2, 2) m², covariances of the points in plan.
         R: (3, 3) rotation about the vertical.

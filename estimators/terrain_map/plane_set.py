@@ -136,13 +136,14 @@ def write_view(
     Args:
         surface: Modified in place.
         view: The view.
-        slots: (P,) slot of each new plane.
-        same_m: A column without a new plane keeps its old plane if its height has changed by less.
+        slots: (P,) slot of each new plane, -1 = none.
+        same_m: A column without a new plane keeps its old plane if its height has changed by less, m.
         keeps_unobserved: Whether an unobserved column keeps its old plane.
     """
     label, height = surface.label, surface.height
     for i in range(view.labels.shape[0]):
         for j in range(view.labels.shape[1]):
+            # the column's place in the ring: & (COLUMNS - 1) is mod COLUMNS
             p, q = (view.first[0] + i) & (COLUMNS - 1), (view.first[1] + j) & (COLUMNS - 1)
             z = view.height[i, j]
             if math.isnan(z):
@@ -170,7 +171,7 @@ def sums_of(surface: Surface, slots: int, voxel_m: float) -> NDArray[np.float64]
     """(slots, 11) sums over the columns of each slot, m, grid axes, see `plane_fit.SUMS`; 0 for an empty slot."""
     sums, origin = np.zeros((slots, SUMS)), surface.origin
     for i in range(origin[0], origin[0] + COLUMNS):
-        row = i & (COLUMNS - 1)
+        row = i & (COLUMNS - 1)  # in the ring: i mod COLUMNS
         for j in range(origin[1], origin[1] + COLUMNS):
             at = row, j & (COLUMNS - 1)
             slot = surface.label[at]
@@ -255,7 +256,7 @@ class PlaneSet:
     Attributes:
         surface: The columns; labels are slots.
         ids: (SLOTS,) id of the plane in each slot, -1 = none.
-        votes: (SLOTS,) score of each.
+        votes: (SLOTS,) score of the plane in each slot: confirming frames minus others, at most `_MAX_VOTES`.
     """
 
     def __init__(self, parameters: TerrainMapParameters, *, keeps_unobserved: bool = False) -> None:
@@ -379,7 +380,8 @@ class PlaneSet:
             free = np.flatnonzero(self.ids < 0)
         for number, slot in zip(wanted, free):
             slots[number] = slot
-            self.ids[slot], self._next_id = self._next_id, self._next_id + 1
+            self.ids[slot] = self._next_id
+            self._next_id += 1
         return slots
 
     def _lies_on_plane(self, new: Array, slots: NDArray[np.intp]) -> NDArray[np.bool_]:
@@ -402,7 +404,7 @@ class PlaneSet:
         Planes without votes are removed. A plane is in view if the view observes more than half of its columns.
 
         Args:
-            slots: (P,) slots of the new planes.
+            slots: (P,) slot of each new plane, -1 = none.
             in_scope: (SLOTS,) number of columns of each old plane that the view observes.
         """
         paired = np.zeros(SLOTS, bool)  # slots of the matched planes, and of new ones

@@ -29,7 +29,7 @@ _HALF_WIDTH_M = 0.24
 _LANE_M = 0.04
 """Distance between parallel lanes."""
 _MIN_LANES = 4
-"""Smallest number of lanes on a plane, or with a known height, of 13."""
+"""Smallest number of lanes on a plane, or with a known height, of the 13 every `_LANE_M` over the line's width."""
 _MIN_SAMPLES = 3
 """Smallest number of samples on a plane for it to count."""
 _BORDER_REACH_M = 0.15
@@ -65,7 +65,7 @@ def read_profile(
         R_world_grid: (3, 3) grid to world axes.
         p: Size of a column, standard deviations, and the smallest slope break.
         origin: (2,) start of the line, m, world.
-        heading: rad from x.
+        heading: Direction of the line in the world, rad from x.
         length_m: Length of the line, m.
     """
     # samples along the line, and parallel lanes to its left (positive) and right, m
@@ -133,6 +133,7 @@ def _read_lanes(
             slots[lane] = -1
             if i < first[0] or i >= first[0] + COLUMNS or j < first[1] or j >= first[1] + COLUMNS:
                 continue
+            # i & (COLUMNS - 1) is the column's place in the ring, i mod COLUMNS
             slots[lane] = label[i & (COLUMNS - 1), j & (COLUMNS - 1)]
             z = height[i & (COLUMNS - 1), j & (COLUMNS - 1)]
             if not math.isnan(z):
@@ -276,9 +277,9 @@ def _edge_or_slope_break(
 ) -> Change | None:
     """The change between two neighbouring planes along a line: an edge, a slope break, or None for neither.
 
-    A slope break needs a bend beyond `min_slope_break_rad` and 4 standard deviations, and planes that meet near the gap
-    between them. Otherwise a height difference of at least a kerb is an edge: at the edge of a mapped flight if there
-    is one, else at the end of the upper plane.
+    A slope break needs a bend beyond `min_slope_break_rad` and `_MIN_BREAK_SD`, and planes that meet near the gap
+    between them, or differ there by less than a kerb in height. Otherwise a height difference of at least a kerb is an
+    edge: at the edge of a mapped flight if there is one, else at the end of the upper plane.
 
     Args:
         end: Last sample of the plane before, m along the line.
@@ -309,7 +310,7 @@ def _edge_or_slope_break(
         s = middle + min(max(away, -reach), reach)
         place = origin + s * forward
         sd = math.hypot(_height_sd(one, place, p), _height_sd(other, place, p)) / abs(bend_slope)
-        sd = math.hypot(sd, max(abs(away) - reach, 0.0))
+        sd = math.hypot(sd, max(abs(away) - reach, 0.0))  # and by how much farther away they meet
         return Change(kind="slope_break", s=s, sd=max(sd, 2.0 * p.edge_sd_m), drop=0.0, bend=bend)
     if abs(drop) < KERB_M:
         return None
@@ -326,7 +327,8 @@ def _edge_or_slope_break(
             return Change(kind="edge", s=edge_s, sd=edge_sd, drop=drop, bend=0.0)
     # no flight: at the end of the upper plane
     s = end + p.voxel_size_m / 2 if drop < 0 else start - p.voxel_size_m / 2
-    return Change(kind="edge", s=s, sd=max(abs(start - end) / 4, p.voxel_size_m / 2), drop=drop, bend=0.0)
+    sd = max(abs(start - end) / 4, p.voxel_size_m / 2)  # the edge may lie anywhere in the gap
+    return Change(kind="edge", s=s, sd=sd, drop=drop, bend=0.0)
 
 
 def _slope_sd(plane: Plane, forward: Array) -> float:

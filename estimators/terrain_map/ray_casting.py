@@ -1,4 +1,7 @@
-"""Ray casting: the map seen from straight above, and how far the ground extends under an edge."""
+"""Ray casting: the map seen from straight above, and how far the ground extends under an edge.
+
+λ is the `distance` of a voxel in `Blocks`: -1 to 1, negative in free space and positive behind a surface.
+"""
 
 from __future__ import annotations
 
@@ -49,6 +52,7 @@ def cast_down(
     """
     height = np.full((size, size), np.nan, np.float32)
     trust = np.zeros((size, size), np.float32)
+    # A block has 64 columns of 8 voxels; voxel k of a column is at index 8 column + k, which is (column << 3) | k.
     # Per column of a block: λ and weight (0 = unobserved) of the voxel above, and which columns are done.
     above, known = np.zeros(EDGE * EDGE, np.float32), np.zeros(EDGE * EDGE, np.float32)
     met = np.zeros(EDGE * EDGE, np.bool_)
@@ -70,7 +74,7 @@ def cast_down(
                     if met[column]:
                         continue
                     # Columns that only pass through free or unobserved voxels are skipped, but for the lowest voxel.
-                    first, solid = column << 3, False
+                    first, solid = column << 3, False  # solid: a voxel of the column is behind a surface
                     for k in range(EDGE):
                         solid |= (weight[first | k] >= least) & (distance[first | k] >= nothing)
                     if not solid:
@@ -108,13 +112,14 @@ def solid_reach(blocks: Blocks, starts: Array, direction: Array, slope: float, r
     Args:
         blocks: Voxels of the map.
         starts: (N, 3) voxels, grid axes, just under the surface.
-        direction: (2,) horizontal unit vector toward its end.
+        direction: (2,) horizontal unit vector toward the surface's end.
         slope: Slope of the surface along it.
         reach: Length of the search, voxels.
         gap: Longest unobserved stretch between the last solid and the first free position, voxels.
 
     Returns:
-        (N,) voxels from each start to the first sign change of λ; NaN where unobserved.
+        (N,) voxels from each start to where λ becomes negative first; NaN if it does not within `reach`, or if no solid
+        position is known at most `gap` before.
     """
     extents = np.full(len(starts), np.nan)
     step = 1.0  # voxels
@@ -134,7 +139,7 @@ def solid_reach(blocks: Blocks, starts: Array, direction: Array, slope: float, r
                 if share < 1e-6:
                     continue
                 p, q, r = i + di, j + dj, k + dk
-                # row of the voxel's block, and index of the voxel in it
+                # row of the voxel's block, and index 64 i + 8 j + k of the voxel in it
                 row = slot_of(slots, origin, p >> 3, q >> 3, r >> 3)
                 here = ((p & 7) << 6) | ((q & 7) << 3) | (r & 7)
                 if row < 0 or weight[row, here] < _MIN_WEIGHT:
@@ -167,8 +172,8 @@ def column_noise(
     plus the square of the lower limit.
 
     Args:
-        height: (n, n) m; modified: NaN where unobserved.
-        weight: (n, n) of the columns.
+        height: (n, n) m, NaN where unobserved; modified: removed columns become NaN, too.
+        weight: (n, n) weight of each column.
         eye_z: Height of the camera, m.
         least_m: Lower limit of the standard deviation.
         most_m: Upper limit.
@@ -197,7 +202,7 @@ def _column_noise(
 
     Args:
         height: (n, n) m; modified: NaN where the column has far less weight than one around it.
-        weight: (n, n) of the columns.
+        weight: (n, n) weight of each column.
         beside: (n, n) largest weight among the columns around each one, itself included.
         eye_z: Height of the camera, m.
         least_m: Lower limit of the standard deviation.
@@ -210,7 +215,9 @@ def _column_noise(
         for j in range(height.shape[1]):
             column_weight = weight[i, j]
             z = unseen if column_weight < _NEIGHBOUR_SHARE * beside[i, j] else height[i, j]
-            off = noise_per_m * (0.0 if math.isnan(z) else eye_z - z)  # m, noise at a weight of 1
+            # An image from h above the column has the noise noise_per_m h² and, straight above it, the weight 1 / h²:
+            # the noise is off / √weight with off = noise_per_m h.
+            off = noise_per_m * (0.0 if math.isnan(z) else eye_z - z)
             sd = math.sqrt(
                 least_m * least_m + off * off / (column_weight if column_weight > _WEIGHT_FLOOR else _WEIGHT_FLOOR)
             )

@@ -135,12 +135,12 @@ def _fit_edge(
             for +i, -i, +j, -j.
         turn: (2, 2) grid to world axes.
         voxel_m: Edge of a column.
-        low_centre: (3,) of the lower plane, m.
-        low_gradient: (2,) of the lower plane.
-        low_spread: (2, 2) of the lower plane, m².
-        centre: (3,) of the upper plane, m.
-        gradient: (2,) of the upper plane.
-        spread: (2, 2) of the upper plane, m².
+        low_centre: (3,) m, centre of the lower plane's points.
+        low_gradient: (2,) slopes of the lower plane along x and y.
+        low_spread: (2, 2) m², covariance of the lower plane's points in plan.
+        centre: (3,) m, centre of the upper plane's points.
+        gradient: (2,) slopes of the upper plane along x and y.
+        spread: (2, 2) m², covariance of the upper plane's points in plan.
 
     Returns:
         (2,) unit vector down across the edge; (N, 2) points, m, none if there is no edge; height, m.
@@ -229,7 +229,7 @@ def normal_across(points: Array, toward: Array, ratio_min: float) -> Array:
     """(2,) unit vector across the line through points (N, 2), on the side of `toward` (2,).
 
     The line has the direction of the largest scatter, ½ atan2(2 s_xy, s_xx − s_yy). If `toward` is nearly along it, the
-    points are too few to have a direction, and the result is `toward` itself, normalised.
+    edge is too short to have a direction, and the result is `toward` itself, normalised.
 
     Args:
         points: (N, 2) m.
@@ -300,7 +300,7 @@ def _edge_in_voxels(
         (2,) unit vector down across the edge; (K, 2) its points, m, none if the voxels show no edge.
     """
     starts = _lane_starts(points, down)
-    at = np.empty((len(starts), 3))  # the same in voxels of the grid, one voxel under the upper plane
+    at = np.empty((len(starts), 3))  # the starts in grid axes, voxels, one voxel under the upper plane
     for n in range(len(starts)):
         x, y = starts[n, 0], starts[n, 1]
         for axis in range(2):
@@ -342,7 +342,7 @@ def _lane_ends(starts: Array, reach: Array, voxel_m: float, down: Array) -> Arra
     """(N, 2) m, ends of the lanes without outliers, none if too few remain.
 
     Args:
-        starts: (N, 2) m.
+        starts: (N, 2) m, world, starts of the lanes.
         reach: (N,) length of solid ground from each start, voxels; NaN where unobserved.
         voxel_m: Edge of a voxel.
         down: (2,) direction of the lanes.

@@ -62,7 +62,7 @@ def find_flights(risers: list[Riser], p: TerrainMapParameters) -> list[list[Rise
         row = [riser]
         while id(row[-1]) in following:
             row.append(following[id(row[-1])])
-        rows += [[one] for one in row] if _is_winding(row) else [row]
+        rows += [[one] for one in row] if _is_winding(row) else [row]  # each riser of a winding row by itself
     return rows
 
 
@@ -98,7 +98,8 @@ def fit_stairs(row: list[Riser], planes: dict[int, Plane], id_: int, p: TerrainM
     # edges from the voxels are more accurate than those from the columns
     sd = [p.edge_sd_m if riser.in_voxels else 2.0 * p.voxel_size_m for riser in row]
     edge_points = [riser.points for riser in row]
-    (start, tread, turn), even_covariance = fit_even_edges(edge_points, sd, up, middle, (0.25 * p.voxel_size_m) ** 2)
+    min_variance = (0.25 * p.voxel_size_m) ** 2  # of a point, m²: no point is better than a quarter of a voxel
+    (start, tread, turn), even_covariance = fit_even_edges(edge_points, sd, up, middle, min_variance)
     ids = (row[0].lower, *(riser.upper for riser in row))  # of the planes, from the lowest
     # height of each plane and its standard deviation, m, toward the edge below it; of the lowest, toward the first edge
     ground = [_height_and_sd(planes[id_plane], middles[max(n - 1, 0)]) for n, id_plane in enumerate(ids)]
@@ -116,7 +117,7 @@ def fit_stairs(row: list[Riser], planes: dict[int, Plane], id_: int, p: TerrainM
         steps=len(row),
         riser=float(riser_m),
         tread=float(tread),
-        heading=math.atan2(up_flight[1], up_flight[0]),
+        heading=math.atan2(up_flight[1], up_flight[0]),  # `heading` within -π to π
         base=float(base),
         covariance=covariance,
         start=float((start * up + middle * left) @ up_flight),  # the middle of the first edge, along the new direction
@@ -167,7 +168,7 @@ def fit_even_edges(
         total = A.sum(axis=0)
         normal += A.T @ A / variance - shared * total[:, None] * total
         right += A.T @ s / variance - shared * s.sum() * total
-    normal += 1e-9 * _IDENTITY
+    normal += 1e-9 * _IDENTITY  # so that it has an inverse whatever the points are
     if len(edges) > 1:
         covariance = np.linalg.inv(normal)
         return covariance @ right, covariance

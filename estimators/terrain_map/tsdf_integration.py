@@ -381,6 +381,7 @@ def _check_above(
             d, z, sdf, zf = projection.second[at], projection.z[at], projection.sdf[at], projection.descent[at]
             # whether the image is much farther there than the surface: it has ended before
             ends = (zf - d + camera.noise * z * z) * projection.scale[at] < _FREE_LAMBDA
+            # unobserved without a depth; distance to the second pixel's depth where the surface ends; else unchanged
             other = _NONE if d == _ZERO else zf - d if ends else sdf
             projection.sdf[at] = other if projection.pixel[at] != _ORIGIN else sdf
 
@@ -404,11 +405,11 @@ def _average(
             sdf, z = projection.sdf[at], projection.z[at]
             value = sdf * projection.scale[at]
             value = value if value > -_ONE else -_ONE  # Zhao 2023 (20)
-            # weight of this image, docs/terrain_map.md (3)
+            # weight of this image, docs/terrain_map.md (3): (κ / z)², with z of at least 1 m; scale * band is κ
             new = projection.scale[at] * camera.band / (z if z > _ONE else _ONE)
             new = new * new if sdf < _NONE else _ZERO
             old = weight[at]
-            total = old + new  # weight
+            total = old + new  # weight with this image
             # Zhao 2023 (21)
             mixed = (old * distance[at] + new * value) / (total if total > _LEAST else _LEAST)
             distance[at] = mixed if sdf < _NONE else distance[at]

@@ -23,7 +23,7 @@ _MIN_UP_COSINE = np.cos(np.radians(80.0))
 """A camera that looks down or up keeps its upper side above the horizon; a wall in front of it lies beyond."""
 _WALL_WEIGHT = 0.5  # of a normal across a candidate for the vertical, over that of one along it
 _JUMP_SHARE = 0.1  # neighbouring depths that differ by more are of different surfaces
-_CANDIDATES, _ROUNDS = 400, 5  # normals tried as the vertical, and means of the normals near the best of them
+_CANDIDATES, _ROUNDS = 400, 5  # numbers of normals tried as the vertical, and of means of those near the best one
 _SUPPORT_MIN = 0.1  # smallest share of all normals along the vertical
 
 
@@ -54,7 +54,9 @@ def normals(depth: NDArray[np.float32], intrinsics: Array) -> Array:
 
 
 def upward(views: Iterable[tuple[Array, Array]]) -> Array | None:
-    """(3,) unit vector upwards in the world, estimated from surface normals of several images; None if none is level.
+    """(3,) unit vector upwards in the world, estimated from surface normals of several images.
+
+    None if too few normals are along any direction near the camera's upper side.
 
     Args:
         views: Per image, (N, 3) normals in the camera's optical frame, and (3, 3) rotation of that frame to the world.

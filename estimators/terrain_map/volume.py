@@ -118,7 +118,7 @@ class VoxelVolume:
 
 
 def min_noise_m(p: TerrainMapParameters) -> float:
-    """Standard deviation of the height of the nearest columns, m."""
+    """Standard deviation of the height of the columns nearest to the camera, m: the least that any column has."""
     return p.plane_noise_m / 3
 
 

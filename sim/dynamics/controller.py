@@ -317,9 +317,9 @@ def _limit_torques(
     for toe in toes:
         full[toe] += TOE_STIFFNESS * error[toe] + TOE_DAMPING * v[toe]
     # entries 0 to 2 are the root's force, 3 to 5 its torque: one factor for both
-    share = min(1.0, max_help / max(math.sqrt(full[0] ** 2 + full[1] ** 2 + full[2] ** 2), 1e-9))
+    factor = min(1.0, max_help / max(math.sqrt(full[0] ** 2 + full[1] ** 2 + full[2] ** 2), 1e-9))
     for j in range(len(full)):
-        full[j] = share * full[j] if j < 6 else min(max(full[j], -max_torque), max_torque)
+        full[j] = factor * full[j] if j < 6 else min(max(full[j], -max_torque), max_torque)
     return full
 
 
@@ -382,7 +382,7 @@ def _solve_step(
             bias, _ = bias_acceleration(axes_dot, chain, speed, v, w, arm)
             _set_target(minus(times(-gains.contact_damping, v), bias), gains.contact, targets, weights, m)
             _set_friction_cone(feet.R_sole[side], gains.friction, edges[k])
-            # the less load a foot is planned to bear, the more expensive its force
+            # the less load a foot is planned to bear, the more expensive its force; a share of at least 0.02 is assumed
             cost[k] = feet.force_weight[side, i] * gains.force / max(feet.share[side], 0.02) ** 2
             for e in range(4):
                 last[k, e] = body.force[side, i, e]

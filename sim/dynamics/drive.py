@@ -28,7 +28,7 @@ _ASSIST_NM = 8.0  # torque per unit of sin q_r − sin q_l: for legs about one r
 _QUARTER_STRIDE_S = 0.25
 _SMOOTHING_S = 0.05  # time constant of the filter of that difference
 _ROTOR, _FRICTION = 0.8, 0.0  # compensated shares; at 1.4 times the rotors' inertia, frame and cuffs begin to oscillate
-_ROTOR_EXTERNAL, _FRICTION_EXTERNAL = 0.95, 0.95
+_ROTOR_EXTERNAL, _FRICTION_EXTERNAL = 0.95, 0.95  # likewise, with an external control law
 _ACCELERATION_S = 0.005  # smoothing time of the driver's encoder signal
 
 
@@ -108,7 +108,8 @@ class Drive:
         torques = np.zeros(self._nv)
         if self._law is not None and len(self._dof):
             if self._calls % round(PERIOD_S / DRIVER_S) == 0:
-                self._help, self._next_help = self._next_help, self._law(data.qpos[self._angle])
+                self._help = self._next_help  # demanded one period ago
+                self._next_help = self._law(data.qpos[self._angle])
             speed = data.qvel[self._dof]
             if self._calls:  # the first call has no speed before it
                 measured = (speed - self._speed) / DRIVER_S

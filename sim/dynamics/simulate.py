@@ -34,7 +34,7 @@ STEP_S = DRIVER_S  # time step of the physics
 _SETTLE_S = 0.2  # on its soles, before the walk begins
 MARGIN_S = 2.0 * STEP_S
 """Future steps can still change the splines this long before them."""
-_STEPS_PER_CONTROL = round(CONTROL_S / STEP_S)
+_STEPS_PER_CONTROL = round(CONTROL_S / STEP_S)  # physics steps in a period of the controller
 _FALLEN_M = 0.25  # the pelvis this far below its plan
 
 
@@ -85,8 +85,8 @@ class Simulation:
         self._steps, self._step = round(reference.duration_s / STEP_S), -round(_SETTLE_S / STEP_S)
         self._soles = sole_point_numbers(model)  # (ngeom,) number of each geom as a sole point; -1 for others
         self._record = _Record(self._steps, model, self._soles)
-        # (ngeom,) body of each geom, 0 for what is fixed to the world
-        self._welded, self._drive = model.body_weldid[model.geom_bodyid], Drive(model, exo, law)
+        self._welded = model.body_weldid[model.geom_bodyid]  # (ngeom,) body of each geom, 0 if fixed to the world
+        self._drive = Drive(model, exo, law)
         self._chains = np.array([chain_of(model, body) for body in range(model.nbody)])  # (nbody, nv)
         data.qpos, data.qvel = plan.q[0], plan.v[0]
         data.qpos[2] += max(dynamics.floor_offset_m, 0.0)  # not inside a floor that is higher than planned
@@ -175,7 +175,7 @@ def apply_disturbances(model: mujoco.MjModel, dynamics: Dynamics) -> mujoco.MjMo
     model.body_inertia *= 1.0 + dynamics.mass_error
     mujoco.mj_setConst(model, mujoco.MjData(model))  # what the model derives from the masses
     for i in range(model.ngeom):
-        name = model.geom(i).name
+        name = model.geom(i).name  # the floor is the plane `ground` and the solids `terrain_<i>`
         if name == "ground" or name.startswith("terrain_"):
             model.geom_pos[i, 2] += dynamics.floor_offset_m
         elif name.startswith("sole_"):
@@ -320,6 +320,6 @@ def _record_foot_loads(
         store_vec3(plus(vec3(moment[s]), cross(minus(point, vec3(p_feet[s])), contact_force)), moment[s])
         store_vec3(plus(vec3(cop[s]), times(normal_force, point)), cop[s])
         lift[s] += normal_force
-    for s in range(2):
+    for s in range(2):  # the sum becomes the mean; without load it stays 0
         if lift[s] > 0.0:
             store_vec3(times(1.0 / lift[s], vec3(cop[s])), cop[s])

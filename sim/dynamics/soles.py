@@ -13,11 +13,11 @@ from stridetwin.sim.config import SIDES
 from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.streams.samples import Array
 
-RADIUS_M = 0.006
+RADIUS_M = 0.006  # of a contact sphere
 _HEEL_BLOCK_M = 0.065  # its front end bears load when the heel hangs over an edge
 _LEAST_SHARE = 0.1  # of a foot's toe load that ball and tip each bear
-FRICTION = 0.9
-PER_FOOT = 8
+FRICTION = 0.9  # coefficient of friction on the ground
+PER_FOOT = 8  # contact points of a foot
 HEEL_POINTS = 4  # of each foot's points, the first four
 NEAR_M = 0.004  # a sole point this close to the ground is in contact
 # about the plan, N m/rad and N m s/rad: forces alone do not control so light a body
@@ -38,6 +38,7 @@ def sole_points(size: Wearer) -> list[tuple[str, Array]]:
     # hinge
     heel = (shoe.heel_back_x + RADIUS_M, shoe.heel_back_x + _HEEL_BLOCK_M)
     toe = (0.0, shoe.flat_tip_x - shoe.toe_hinge_x)
+    # body by body, from back to front, the right point of each pair first
     return [
         (body, np.array([x, side * (shoe.half_width - RADIUS_M), z]))
         for body, along, z in (("foot", heel, 0.0), ("toe", toe, -shoe.toe_hinge_z))
@@ -63,7 +64,7 @@ def add_soles(spec: mujoco.MjSpec, size: Wearer) -> None:
                 conaffinity=1,
                 mass=0.0,
                 condim=3,
-                friction=[FRICTION, 0.005, 0.0001],
+                friction=[FRICTION, 0.005, 0.0001],  # sliding; torsional and rolling, unused by contacts of condim 3
                 solref=list(_SOLREF),
                 solimp=list(_SOLIMP),
                 priority=1,

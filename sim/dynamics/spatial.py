@@ -47,7 +47,7 @@ def chain_of(model: mujoco.MjModel, body: int) -> NDArray[np.bool_]:
     chain = np.zeros(model.nv, dtype=bool)
     while body > 0:  # 0 is the world
         first, count = model.body_dofadr[body], model.body_dofnum[body]
-        if count:
+        if count:  # a body without joints has no address
             chain[first : first + count] = True
         body = model.body_parentid[body]
     return chain

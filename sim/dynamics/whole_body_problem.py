@@ -99,6 +99,7 @@ def contact_forces(B: Array, d: Array, r: Array, p: Array) -> tuple[Array, Array
                     unclipped += B[i, j] * trial[i]
                 f[j] = max(unclipped, 0.0) / r[j]  # `unclipped` is r p + Bᵀy
                 new_value += 0.5 * r[j] * f[j] * f[j]
+            # not larger, apart from rounding; or the step has become too short to matter
             if new_value <= value + 1e-12 * abs(value) or size < 1e-4:
                 break
             size *= 0.5

@@ -44,7 +44,7 @@ IMAGES = (Image, Depth)
 POSES = "/poses"
 """Stream of an odometry's poses on their way to estimators of terrain and modes; `estimators.base.POSES`."""
 Calibration = ImuCalibration | CameraCalibration | OtherSensor
-_LONGEST_S = 36_000  # largest time in a scenario file
+_LONGEST_S = 36_000  # largest time in a scenario file, 10 h
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,7 +127,7 @@ def arrivals(
     truth_readers: dict[str, list[Memory]] = {}
     for fault, events in faults:
         if not fault.on_samples:
-            continue
+            continue  # acts on mounts, poses or the calibration, not here
         for topic, topic_events in events.items():
             memory: Memory = {}
             lines.setdefault(topic, []).append((fault, topic_events, memory))
@@ -286,6 +286,8 @@ class LooseStrap(TimedFault):
     It acts in the twin (`sim.sensors.mount_slip`), not on samples. Sensors on one body that match one pattern hang on
     one strap; an RGB-D camera and its IMU always do.
 
+    In scenario files the two fields are in degrees and mm, and so are their limits.
+
     Attributes:
         angle_rad: Rotation of one slip, about a random axis.
         shift_m: Translation of one slip, in a random direction.
@@ -414,7 +416,7 @@ def plan_faults(faults: Sequence[Fault], rig: Rig, seed: int, duration_s: float)
             # child stream of the walk's random numbers
             key = (_FAULTS, zlib.crc32(fault.full_name.encode()), zlib.crc32(shared_by.encode()))
             stream_events = tuple(_generate_events(fault, stream, seed, key, round(duration_s * 1e9), rig))
-            if stream_events:
+            if stream_events:  # topics without events are left out, so that their samples pass unchanged
                 events[stream.topic] = stream_events
         planned.append((fault, events))
     return planned
@@ -512,6 +514,7 @@ def _draw_spans(fault: Fault, seed: int, key: tuple[int, ...]) -> Iterator[tuple
     if fault.at_s is not None:
         yield fault.at_s, None if fault.duration_s is None else fault.at_s + fault.duration_s
         return
+    # a fault in a scenario file has a start time, or a rate and a duration
     assert fault.rate_per_min is not None
     assert fault.duration_s is not None
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))

@@ -55,6 +55,7 @@ class _ImageFault(TimedFault):
             if image.flags.writeable:  # no other sample shares this array
                 yield arrival.with_values(**{name: self.degrade(image, event)})
                 continue
+            # a new array is degraded only if the event or the shared image is another one than before
             if memory.get("event") is not event or memory["clean"] is not image:
                 corrupted = self.degrade(image, event)
                 corrupted.setflags(write=False)
@@ -107,10 +108,12 @@ class LensDirt(_ImageFault):
         if is_depth(image):  # 0 is no reading
             corrupted.reshape(-1)[dirt.places[dirt.clear < 1 - _HOLE]] = 0
         else:
+            # an SD of half the radius of a spot
             blurred = _blur_coarse(np.asarray(image, np.uint8), _blur_scale(self.size, height), self.size * height / 2)
             channels = math.prod(image.shape[2:])  # 1 of a grey image
             from stridetwin.sim.faults.dirt_kernel import smear  # compiled, so imported when it is needed
 
+            # the fields of `dirt` are the further arguments, in the same order
             smear(corrupted.reshape(-1, channels).view(np.uint8), blurred.reshape(-1, channels), *dirt)
         return corrupted
 
@@ -201,7 +204,7 @@ def _draw_dirt(event: Event, spots: int, size: float, height: int, width: int) -
         row, column, stretch = rng.random(3)
         # distance from the middle of the spot, in radii; the spot is an ellipse
         away = np.hypot((u - column * width) * (0.7 + 0.6 * stretch), v - row * height) / (size * height)
-        clear *= 1 - np.clip(1.5 - away, 0, 1)  # a dense middle, and an edge that fades
+        clear *= 1 - np.clip(1.5 - away, 0, 1)  # dense up to half a radius; fades until one and a half
     places = np.flatnonzero(clear < 1)
     clear = clear.reshape(-1)[places]  # of the dirty pixels alone
     # place of each dirty pixel on the blurred, coarser grid, whose border adds one pixel; weights for its interpolation
@@ -287,7 +290,7 @@ class PasserBy(TimedFault):
         """The image with the person in it."""
         name, image = image_field(arrival)
         height, width, *channels = image.shape
-        # place of the person, an ellipse: shift from the middle, and half height, both in pixels
+        # the person is an ellipse of area π `_SLIM` `tall`²: shift from the middle, and half height, both in pixels
         aside = round(_WAY * width * math.sin(2e-9 * math.pi * self.motion_hz * arrival.taken_ns))
         tall = math.sqrt(self.share * height * width / (math.pi * _SLIM))
         v, u = np.mgrid[:height, :width].astype(np.float32)
@@ -314,7 +317,8 @@ def _draw_clothes(event: Event, shape: tuple[int, ...]) -> NDArray[np.uint8]:
 class MirrorFloor(TimedFault):
     """A level floor at height 0 that mirrors in blotches: there depth is missing, or that of the mirrored ceiling.
 
-    It needs the true path of the camera's IMU among the items, before each image or with its chunk.
+    It needs the true path of the camera's IMU among the items, before each image or with its chunk. In scenario files
+    `blotch_m` is `blotch_mm`, whose limits are in mm.
 
     Attributes:
         holes: Share of the floor without depth.
@@ -371,9 +375,9 @@ class MirrorFloor(TimedFault):
         R = Rotation.from_quat(pose.q_world_frame, scalar_first=True).as_matrix()  # IMU to world
         # position of the camera, m, and (H, W, 3) rays of depth 1, both in the world
         eye, rays = pose.p_frame_in_world + R @ T_imu_camera[:3, 3], _rays(camera) @ (R @ T_imu_camera[:3, :3]).T
-        # depth at which each ray meets the plane z = 0; inf for rays that do not go down
+        # depth at which each ray meets the plane z = 0; inf for rays that fall by less than `_FLAT` per metre of depth
         floor = np.where(rays[..., 2] < -_FLAT, eye[2] / -np.minimum(rays[..., 2], -_FLAT), np.inf)
-        # (H, W, 2) m, where the rays meet the floor; there, the cells, whose pattern repeats
+        # (H, W, 2) m, where the rays meet the floor; there, the cells, half a blotch wide, whose pattern repeats
         xy = eye[:2] + np.where(np.isfinite(floor), floor, 0.0)[..., None] * rays[..., :2]
         ranks = _draw_shine_ranks(event)
         cells = np.floor(xy / (0.5 * self.blotch_m)).astype(int) % len(ranks)
@@ -400,5 +404,5 @@ def _rays(camera: CameraCalibration) -> Array:
 def _draw_shine_ranks(event: Event) -> Array:
     """(256, 256) rank, 0-1, of each cell of the floor among all; neighbours are alike."""
     shine = cv2.GaussianBlur(event.rng().standard_normal((256, 256)), (0, 0), 1.0)
-    ranks = shine.ravel().argsort().argsort()  # sorting the order of the values gives the rank of each
+    ranks = shine.ravel().argsort().argsort()  # sorting the order of the values gives the rank of each, from 0 on
     return (ranks / shine.size).reshape(shine.shape)

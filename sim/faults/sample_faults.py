@@ -1,6 +1,9 @@
 """Faults of any stream, its values and its calibration: lost, late, exchanged, frozen, clipped and shifted samples.
 
 An error of the nominal calibration is in the recording that estimators read; the sensors themselves are right.
+
+A field with `DEGREES`, `MILLIMETRES` or another unit has that unit in scenario files, and so have its limits; its value
+here is in SI units or radians.
 """
 
 from __future__ import annotations
@@ -237,11 +240,11 @@ class Offset(TimedFault):
 
     def corrupt(self, arrival: SampleInTransit, event: Event) -> Iterable[SampleInTransit]:
         """The sample with the offset."""
-        # s, time of drift so far
-        item, since_s = arrival.item, min(1e-9 * (arrival.taken_ns - event.from_ns), self.drift_s)
+        item = arrival.item
+        drift_time_s = min(1e-9 * (arrival.taken_ns - event.from_ns), self.drift_s)  # so far
         if isinstance(item, Insole):
-            return (arrival.with_values(force=item.force + self.offset_n + self.drift_n_per_s * since_s),)
-        angle = self.offset_rad + self.drift_rad_s * since_s
+            return (arrival.with_values(force=item.force + self.offset_n + self.drift_n_per_s * drift_time_s),)
+        angle = self.offset_rad + self.drift_rad_s * drift_time_s
         if isinstance(item, Ahrs):
             from scipy.spatial.transform import Rotation  # slow to import, seldom used
 

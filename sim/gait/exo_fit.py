@@ -162,8 +162,8 @@ def check_legs(model: mujoco.MjModel, size: Wearer) -> None:
 def fit_leg(leg: ExoLeg, wearer: LegPose) -> Array:
     """(N, J) rad, joint angles at which a weightless leg of the exoskeleton has the least elastic energy.
 
-    The energy is that of the couplings and of the joint stops. Each instant is solved by the Gauss-Newton method, which
-    starts from the step of the instant before.
+    The energy is that of the couplings and of the joint stops. Each instant is solved by the Gauss-Newton method. Its
+    first step is the whole change that the instant before needed.
 
     Args:
         leg: Statics of the leg.
@@ -182,8 +182,8 @@ def _initial_angles(wearer: LegPose) -> Array:
     R_thigh, R_shank = wearer.R["thigh"], wearer.R["shank"]  # in the pelvis' frame
     R_ankle = np.swapaxes(R_shank, 1, 2) @ wearer.R["foot"]  # foot to shank
     q = np.zeros((len(R_thigh), 6))
-    # rotations about y follow from the x and z entries of the z axis; the knee angle is that between the z axes of
-    # thigh and shank
+    # columns 2 to 4 are hip flexion, knee flexion and ankle dorsiflexion. Rotations about y follow from the x and z
+    # entries of the z axis; the knee angle is that between the z axes of thigh and shank
     q[:, 2] = np.arctan2(-R_thigh[:, 0, 2], R_thigh[:, 2, 2])
     q[:, 3] = np.arccos(np.clip(np.einsum("ni,ni->n", R_thigh[:, :, 2], R_shank[:, :, 2]), -1, 1))
     q[:, 4] = np.arctan2(-R_ankle[:, 0, 2], R_ankle[:, 2, 2])
@@ -248,7 +248,8 @@ def solve_leg_dynamics(
             damping_torque, damping = exo_fit_kernel.project_on_joints(
                 leg, leg.damping, jacobian, make_interp_spline(t, value, k=5)(t, 1)
             )
-            # friction of the joints; the slope of the smooth dry friction adds to C
+            # friction of the joints; `friction_share`, −1 to 1, is the share of the full dry friction that acts, and
+            # its slope adds to C
             friction_share = np.tanh(speed / FRICTION_SPEED_RADPS)
             drag = viscous[k] * speed + FRICTION_SPEED_RADPS * friction[k] * friction_share
             damping[:, diagonal, diagonal] += viscous[k] + friction[k] * (1.0 - friction_share**2)

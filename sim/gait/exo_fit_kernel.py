@@ -211,7 +211,7 @@ def stop_torque(leg: CoupledLeg, j: int, angle: float) -> tuple[float, float]:
     torque, slope = 0.0, 0.0
     # both stops: ln(1 + exp(x)) = max(x, 0) + ln(1 + exp(-|x|)), which does not overflow, and its slope
     for x, sign in ((over, 1.0), (under, -1.0)):
-        if x > -_FAR:
+        if x > -_FAR:  # otherwise the torque is 0 within rounding
             fading = math.exp(-abs(x))
             torque += sign * (max(x, 0.0) + math.log1p(fading))
             slope += (1.0 if x > 0.0 else fading) / (1.0 + fading)
@@ -304,19 +304,19 @@ def _compute_strain(
         store_mat3(M, rotations[j])
     for c in range(len(leg.last)):
         last = leg.last[c]
-        to_body, M = transposed(mat3(rotations[last])), mat3(R[c])
+        to_exo, R_body = transposed(mat3(rotations[last])), mat3(R[c])  # pelvis to exoskeleton; wearer's body to pelvis
         # strain: the wearer's point and rotation as the exoskeleton's body sees them
-        point = plus(vec3(p[c]), matvec(M, vec3(leg.p_in_body[c])))
-        displacement = minus(matvec(to_body, minus(point, vec3(pivots[last]))), vec3(leg.p_in_exo[c]))
-        x, y, z = matmul(to_body, M)  # rows of R: rotation of the wearer's body as seen from the exoskeleton's
+        point = plus(vec3(p[c]), matvec(R_body, vec3(leg.p_in_body[c])))
+        displacement = minus(matvec(to_exo, minus(point, vec3(pivots[last]))), vec3(leg.p_in_exo[c]))
+        x, y, z = matmul(to_exo, R_body)  # rows of R: rotation of the wearer's body as seen from the exoskeleton's
         store_vec3_at(displacement, value, 6 * c)
         store_vec3_at(times(0.5, (z[1] - y[2], x[2] - z[0], y[0] - x[1])), value, 6 * c + 3)
         trace = x[0] + y[1] + z[2]
         for j in range(last + 1):  # as the frame rotates, the wearer's point moves the opposite way in its axes
             axis = vec3(axes[j])
-            # columns of the Jacobian: −axis × (point − pivot), and ½ (R axis − tr(R) axis) = −C axis
-            moves = matvec(to_body, cross(minus(point, vec3(pivots[j])), axis))
-            turn = matvec(to_body, axis)
+            # columns of the Jacobian: −axis × (point − pivot), and ½ (R axis − tr(R) axis)
+            moves = matvec(to_exo, cross(minus(point, vec3(pivots[j])), axis))
+            turn = matvec(to_exo, axis)
             twists = times(0.5, minus(matvec((x, y, z), turn), times(trace, turn)))
             for k in range(3):
                 jacobian[6 * c + k, j] = moves[k]

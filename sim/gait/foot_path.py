@@ -124,7 +124,7 @@ _DIRECT = (0.0, 1.0)  # all of swing
 _FORWARD = {"climb": ((0.05, 1.0), (0.12, 1.0), (0.20, 1.0)), "lower": ((0.0, 0.84), (0.0, 0.92))}
 _OVER = (*_FORWARD["climb"], *_FORWARD["lower"])
 _FINE = np.linspace(0.0, 1.0, 61)  # shares of swing at which a swing is planned
-_FINE_EASE, _FINE_BUMP = soft_ease(_FINE), bump(_FINE)
+_FINE_EASE, _FINE_BUMP = soft_ease(_FINE), bump(_FINE)  # a unit step and a unit bump at these shares
 
 
 def foot_path(steps: Sequence[Footstep], size: Wearer, t: Array, height: Callable[[Array], Array]) -> FootPath:
@@ -145,7 +145,7 @@ def foot_path(steps: Sequence[Footstep], size: Wearer, t: Array, height: Callabl
         on = (t >= step.t_touch) & (t <= step.t_off)
         p[on], R[on], toe[on] = _stance_poses(step, size.shoe, theta[on])
         s[on], heading[on] = step.s, step.heading
-        if i + 1 < len(steps):
+        if i + 1 < len(steps):  # no swing follows the last footstep
             to = steps[i + 1]
             air = (t > step.t_off) & (t < to.t_touch)
             p[air], R[air], toe[air] = _swing_poses(step, to, size, t[air], theta[air], pitch, height)
@@ -238,7 +238,7 @@ def _swing_poses(
         pitch: Pitch of the foot, rad, at any (N,) s.
         height: Height of the ground, m, at (..., 2) points.
     """
-    if len(t) == 0:
+    if len(t) == 0:  # a swing between two instants
         return np.empty((0, 3)), np.empty((0, 3, 3)), np.empty(0)
     s = (t - a.t_off) / (b.t_touch - a.t_off)  # (N,) shares of swing
     toes = _toe_ends(a, b, pitch)  # values and slopes of the toe extension at both ends
@@ -367,23 +367,25 @@ def _sole_points(shoe: Shoe, R: Array, toe: Array) -> tuple[Array, Array]:
 def _clearance_shortfall(
     p: Array, sole: tuple[Array, Array], height: Callable[[Array], Array], near: Array, clearance: float
 ) -> Array:
-    """(N,) m, how much higher a swinging foot must be at the shares `_FINE` of swing to clear the ground.
+    """(61,) m, how much higher a swinging foot must be at the shares `_FINE` of swing to clear the ground.
 
     At both ends, where the foot rests, there is no limit: -inf.
 
     Args:
-        p: (N, 3) m, positions of the foot.
-        sole: Points of the sole (`_sole_points`).
+        p: (61, 3) m, positions of the foot at these shares.
+        sole: Points of the sole at these shares (`_sole_points`).
         height: Height of the ground, m, at (..., 2) points.
         near: (2,) m, ground this far before and behind a point counts, too.
         clearance: Clearance in mid-swing, m.
     """
     to_part, to_point = sole
-    points = p[:, None] + to_part + to_point  # (N, points, 3) m in the world
-    # highest ground behind, under and before each point; the wanted clearance fades to 0 at both ends of the swing
-    probes = points[..., :2] + np.multiply.outer((-1.0, 0.0, 1.0), near)[:, None, None]  # (3, N, points, 2)
+    points = p[:, None] + to_part + to_point  # (61, points, 3) m in the world
+    # highest ground behind, under and before each point; the wanted clearance is whole where the bump has a quarter of
+    # its height, and fades to 0 at both ends of the swing
+    probes = points[..., :2] + np.multiply.outer((-1.0, 0.0, 1.0), near)[:, None, None]  # (3, 61, points, 2)
     ground = np.max(height(probes), axis=0)
     clearances = clearance * np.minimum(4.0 * _FINE_BUMP, 1.0)[:, None]
+    # the ends are the shares of swing at which a bump has at most 3 % of its height
     return np.where(_FINE_BUMP > 0.03, (ground + clearances - points[..., 2]).max(1), -np.inf)
 
 

@@ -80,6 +80,7 @@ class ToeOff:
     swing: tuple[tuple[float, float], ...]
 
 
+# knots of the rise of a heel: share of the time from heel-off to toe-off, share of the pitch at toe-off
 _RISE = ((0.0, 0.0), (0.30, 0.05), (0.55, 0.20), (0.80, 0.55), (1.0, 1.0))
 # Going down, the knee bends under the body until the ankle reaches its limit: then the heel has to rise quickly.
 _LOWERING_RISE = ((0.0, 0.0), (0.16, 0.10), (0.30, 0.30), (0.42, 0.45), (0.60, 0.60), (0.80, 0.75), (1.0, 1.0))
@@ -123,11 +124,14 @@ def plan_pitch(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Arr
         toe_off, landing = _toe_off(a, b.style), _landing(b)
         heel_off = toe_off.heel_off_before * duration  # s, from heel-off to toe-off
         lowers = a.departure == "lower"
-        # beyond the usual riser, fall and slope, the heel rises for longer before toe-off
+        # beyond the usual riser, fall and slope, the heel rises for longer before toe-off. `a.fall`: how much lower the
+        # other foot's next footprint is; `b.rise`: how much higher this foot's next one is than the other foot's
         usual_fall, by_fall = (_USUAL_RISER_M, _HEEL_OFF_BY_RISER) if lowers else (_USUAL_FALL_M, _HEEL_OFF_BY_FALL)
         fall, rise = max(a.fall - usual_fall, 0.0), max(b.rise - _USUAL_RISER_M, 0.0)
         climb = max(-a.fall - _USUAL_RISER_M, 0.0)  # the other foot's next footprint is this much higher than usual
+        # uphill where the foot leaves, or downhill where it lands
         steep = max(a.slope - _USUAL_SLOPE_RAD, -b.slope - _USUAL_SLOPE_RAD, 0.0)
+        # the heel stays down for at least a tenth of the time from the flat foot to toe-off
         heel_off = min(heel_off * (1.0 + by_fall * fall + _HEEL_OFF_BY_SLOPE * steep), 0.9 * (a.t_off - flat))
         # additional pitch at the landing on a high riser or a steep slope, rad
         high = b.rise > _HIGH_RISE_M
@@ -200,7 +204,7 @@ def _toe_off(step: Footstep, style: Style) -> ToeOff:
     knots = list(zip(SWING_KNOTS, style.pitch.tolist()))  # (share of swing, pitch); the first one is toe-off
     return ToeOff(
         heel_off_before=float(style.heel_off_before),
-        rise=tuple(zip(RISE_KNOTS, [0.0, *style.rise.tolist(), 1.0])),
+        rise=tuple(zip(RISE_KNOTS, [0.0, *style.rise.tolist(), 1.0])),  # 0 at heel-off, 1 at toe-off
         off=knots[0][1],
         swing=tuple(knots[1:-_LANDING_KNOTS]),
     )

@@ -63,8 +63,8 @@ def widening(way: Way, s0: float, s1: float) -> float:
 def count_steps(way: Way, start: float, stop: float, step: Callable[[Array], Array]) -> tuple[Array, Array]:
     """Number of steps along the way, as a function of the arc length.
 
-    It integrates the steps per metre: 1 / (`step(s)` times the square root of `speed_share`) in curves, and at least as
-    many as keep the turn of each step below the largest one.
+    It integrates the steps per metre: 1 / (`step(s)` √`speed_share`), where `speed_share` is below 1 in curves, and at
+    least as many as keep the turn of each step below the largest one.
 
     Args:
         way: The way.
@@ -90,7 +90,7 @@ class Tempo:
         size: Wearer.
         gait: Gait of the person.
         slow: (K,) arc lengths with a speed limit `most`: the start, the end, stairs, ramps and tight bends.
-        most: (K,) m/s.
+        most: (K,) m/s, the speed limits.
         grid: (N,) m, arc lengths of `share`.
         share: (N,) speed relative to the preferred one.
     """
@@ -127,7 +127,8 @@ class Tempo:
         if gait.pattern == "wander":
             smoothing = _STROLL_SPEED_M / _GRID_M
             wobble = gaussian_filter1d(rng.standard_normal(len(grid)), smoothing, mode="reflect")
-            # the SD after a Gaussian filter of white noise; the SD of a short way would magnify its mean
+            # `wobble` over its SD, which is 1 / √(2 √π `smoothing`) after a Gaussian filter of white noise; the SD of
+            # these values alone would be too small on a short way
             share = np.exp(_STROLL_SPEED_SD * wobble * np.sqrt(2.0 * np.sqrt(np.pi) * smoothing))
         return cls(size=size, gait=gait, slow=slow, most=most, grid=grid, share=share)
 
@@ -266,9 +267,10 @@ def _plan_on_strip(
     Raises:
         ConfigError: The strip is shorter than a shoe.
     """
+    # a strip reaches from the arc length `s0` to `s1`, and from the height `z0` to `z1`
     profile, strip = layout.profile, layout.profile[k]
     heel, toe = -size.shoe.heel_back_x, size.shoe.toe_tip_x  # m, from the foot's origin back and forward, both positive
-    last_strip, first_strip = k == len(profile) - 1, strip.s0 < 0.0
+    last_strip, first_strip = k == len(profile) - 1, strip.s0 < 0.0  # the walk starts at s = 0, on the first one
     end = strip.s1 - RUN_OUT_M if last_strip else strip.s1
     if strip.s1 <= 0.0:
         return []  # behind the start
@@ -288,20 +290,20 @@ def _plan_on_strip(
         share = _RAMP_STEP - _STEEP_LENGTH_BY_SLOPE * max(abs(strip.slope) - STEEP_RAD, 0)
         return tempo.step_length(s) * (share if strip.terrain == "ramp" else 1.0)
 
-    def across(s: float) -> float:
+    def edge_gap(s: float) -> float:
         """Distance from a change of slope at `s` to the sole, m: half of what a full step is longer than a sole."""
         return max((float(tempo.step_length(s)) - heel - toe) / 2, _EDGE_M)
 
     # whether the strip begins and ends at a riser; then the first and the last possible place of a foot
     riser_before = not first_strip and abs(profile[k - 1].z1 - strip.z0) > 1e-9
     riser_after = not last_strip and abs(profile[k + 1].z0 - strip.z1) > 1e-9
-    start = 0.0 if first_strip else strip.s0 + heel + (_HEEL_FROM_RISER_M if riser_before else across(strip.s0))
+    start = 0.0 if first_strip else strip.s0 + heel + (_HEEL_FROM_RISER_M if riser_before else edge_gap(strip.s0))
     if last_strip:
         stop = end
     elif riser_after:
         stop = end - toe - (_TOE_TO_RISER_M if profile[k + 1].z0 > strip.z1 else _EDGE_M)
     else:
-        stop = end - toe - across(strip.s1)
+        stop = end - toe - edge_gap(strip.s1)
     beside = [start] if both and riser_before else []  # the other foot is placed beside the leading one
     leading_foot = gait.leading_foot if both and riser_after else None
     if stop < start - 1e-9:  # room for the sole alone, without the usual distances from both ends
@@ -323,6 +325,8 @@ def _plan_on_strip(
     first_length = _FIRST_STEP if first_strip else 0.0
     # arc lengths, and (fractional) number of steps from `start` to each
     along, paces = count_steps(layout.way, start, stop, step)
+    # number of footholds: on the first strip one for every step, the first of which is shorter; on others one for the
+    # start and one for every step, if there is room for a step
     if first_strip:
         count = max(1, round(paces[-1] + 1 - first_length))
     else:
@@ -334,8 +338,9 @@ def _plan_on_strip(
     weights = np.array([limp_factor(gait, foot) for foot in feet]) * np.where(pauses > 0, _STEP_INTO_PAUSE, 1.0)
     weights[0] *= first_length
     if last_strip:
-        weights[-1] *= min(_SHORT_STOP_MPS / gait.speed_mps, 1.0)
-    # places on the strip: shares of the number of steps, which is not proportional to the distance
+        weights[-1] *= min(_SHORT_STOP_MPS / gait.speed_mps, 1.0)  # fast walkers stop with a shorter step
+    # places on the strip: shares of the number of steps, which is not proportional to the distance; the only foothold
+    # of a strip, with the weight 0, is in the middle
     shares = np.cumsum(weights) / weights.sum() if weights.sum() > 0 else np.array([0.5])
     s = np.interp(shares * paces[-1], paces, along)
     if len(s) > 2:  # random errors of all places but the first and the last
@@ -357,7 +362,7 @@ def _inner_depth_share(foot: str, curvature: float) -> float:
 def _position_on_tread(strip: Strip, rising: bool, heel: float, toe: float, narrower: float) -> float:
     """Arc length of a foot on a tread, clear of the riser: the one in front going up, the one behind going down.
 
-    A foot longer than the tread overhangs the free edge.
+    A foot longer than the tread overhangs the free edge. The tread reaches from the arc length `s0` to `s1`.
 
     Args:
         strip: The tread.
@@ -367,10 +372,10 @@ def _position_on_tread(strip: Strip, rising: bool, heel: float, toe: float, narr
         narrower: Depth of the tread at the foot, relative to the middle of the way.
     """
     heel, toe = heel / narrower, toe / narrower  # measured along the middle of the way
-    free = _TREAD_SHARE * (strip.s1 - strip.s0 - heel - toe)
+    gap = _TREAD_SHARE * (strip.s1 - strip.s0 - heel - toe)  # m, wanted between foot and riser; negative for no room
     if rising:
-        return strip.s1 - max(free, _MIN_TOE_TO_RISER_UP_M) - toe
-    return strip.s0 + max(free, _HEEL_BEHIND_DOWN_M) + heel
+        return strip.s1 - max(gap, _MIN_TOE_TO_RISER_UP_M) - toe
+    return strip.s0 + max(gap, _HEEL_BEHIND_DOWN_M) + heel
 
 
 def _find_skipped_strips(profile: Sequence[Strip], size: Wearer) -> list[bool]:
@@ -385,13 +390,16 @@ def _find_skipped_strips(profile: Sequence[Strip], size: Wearer) -> list[bool]:
         # heights z0 and z1 are those at the beginning and the end of a strip
         up = before.z1 < strip.z0 and strip.z1 < beyond.z0
         low = beyond.z0 <= before.z1 + _MAX_TWO_TREADS_RISE * leg
-        short = 2.0 * (strip.s1 - strip.s0) <= _MAX_TWO_TREADS_DEPTH * leg
+        short = 2.0 * (strip.s1 - strip.s0) <= _MAX_TWO_TREADS_DEPTH * leg  # two treads of this depth
         skipped[k] = strip.terrain == "stair" and not skipped[k - 1] and up and low and short
     return skipped
 
 
 def _draw_pauses(count: int, strip: Strip, gait: Gait, rng: np.random.Generator) -> Array:
-    """(count,) s of standing at each foothold of a strip: now and then on the level, away from edges."""
+    """(count,) s of standing at each foothold of a strip.
+
+    A wandering walker stands still now and then, on the level and away from edges; other walkers never do.
+    """
     pauses = np.zeros(count)
     if gait.pattern == "wander" and strip.terrain == "level" and count > 3:
         stands = rng.uniform(size=count) < 1.0 / _STROLL_STEPS

@@ -32,6 +32,7 @@ from stridetwin.streams.samples import Array
 from stridetwin.streams.terrain_truth import Layout, Strip
 from stridetwin.streams.way import Way
 
+# limits of the gaze: its pitch, its yaw to either side, and amplitude and angular rate of its sway
 GAZE_PITCH_RANGE_RAD = (-0.6, 0.8)
 MAX_GAZE_YAW_RAD = 0.7
 MAX_SWAY_RAD, MAX_SWAY_RADPS = 0.7, 5.0
@@ -149,6 +150,7 @@ def _riser_heights(holds: Sequence[Foothold]) -> list[float]:
         hold, before = holds[i], holds[i - 1]
         if before.s == hold.s and before.strip is hold.strip and i > 1:
             before = holds[i - 2]  # the place that this foot leaves
+        # footholds 1 m apart or more do not count as the two sides of one riser
         rise = 0.0 if hold.s - before.s >= 1.0 else _riser_height(before.strip, hold.strip)
         rises.append(rise if abs(rise) > _RISER_M else 0.0)
     return rises
@@ -172,12 +174,13 @@ def _step_durations(
         if rise:
             speed, high = tempo.stair_speed(s), abs(rise)
             time_factor = _UPSTAIRS_TIME if rise > 0.0 else _DOWNSTAIRS_TIME
-            if hold.treads > 1:
+            if hold.treads > 1:  # two treads at a time: never slowly, and `high` is then that of one riser
                 speed, high = max(speed, _MIN_TWO_TREADS_MPS), high / hold.treads
                 time_factor *= _TWO_TREADS_TIME
             duration = _STAIR_STEP_S * np.sqrt(_PREFERRED_MPS / speed) * time_factor * max(high / _HIGH_RISER_M, 1.0)
         else:
-            # in a curve steps are slower; their time grows with their length or turn, relative to the usual ones
+            # in a curve, the root of `speed_share` shortens the steps and prolongs their time. The time grows with the
+            # length or the turn of a step, relative to the usual ones
             slower = float(np.sqrt(speed_share(way, np.array(middle))))
             ratio = max((s - previous) / (float(tempo.step_length(middle)) * slower), turn_share(way, previous, s))
             ratio = np.clip(ratio, *_LENGTH_RANGE)
@@ -210,6 +213,7 @@ def _step_styles(holds: Sequence[Foothold], rises: Sequence[float], durations: A
         style = style_at(pace(speed, size))
         if rise:
             transfer = _STAIR_TRANSFER if rise > 0.0 else _DOWNSTAIRS_TRANSFER
+            # the table's style without the changes for slow walkers: along the way, everyone is slow on stairs
             style = replace(level_style(pace(speed, size)), double_support=_STAIR_DOUBLE_SUPPORT, transfer=transfer)
         if previous_rise < 0.0:  # after a step down
             style = replace(style, double_support=max(style.double_support, _DOWNSTAIRS_DOUBLE_SUPPORT))
@@ -291,6 +295,7 @@ def plan_footsteps(layout: Layout, size: Wearer, gait: Gait, rng: np.random.Gene
         # number of the next footprint of the same foot; the toe-off before it stands two rows earlier in `off`
         following = next((j for j in range(i + 1, len(rows)) if rows[j].foot == row.foot), None)
         t_off = np.inf if following is None else off[following - 2]
+        # the feet alternate, except that rows 1 and 2 are the right foot's: both feet start at one place
         before, before_of_foot = (rows[i - 1], rows[i - 2]) if i >= 2 else (row, row)
         after = rows[following] if following is not None else row
         ahead = rows[min(i + 1, len(rows) - 1)]
@@ -338,10 +343,10 @@ def _footstep(
     Args:
         way: The way.
         row: The footprint.
-        before: Footprint of the other foot before it.
-        before_of_foot: The one before that, of the same foot.
-        ahead: The next footprint of the other foot.
-        after: The next footprint of the same foot.
+        before: The footprint before it, of the other foot; for the feet that stand at the start, the footprint itself.
+        before_of_foot: The one before that, of the same foot; likewise.
+        ahead: The next footprint, of the other foot; at the end, the footprint itself.
+        after: The next footprint of the same foot; at the end, likewise.
         t_off: Toe-off, s.
         rng: Draws the lateral error.
         gait: Gait of the person.
@@ -353,11 +358,13 @@ def _footstep(
     rise_of_foot = (
         _riser_height(before_of_foot.strip, row.strip) if before.strip is row.strip and before.s == row.s else 0.0
     )
+    # a step over a riser of at least `_STAIR_MODE_M` is stair ascent or descent; on a ramp the slope decides
     mode = "SA" if rise_before >= _STAIR_MODE_M else "SD" if rise_before <= -_STAIR_MODE_M else "LG"
     if row.strip.terrain == "ramp":
         mode = "RA" if slope > 0 else "RD"
     # the whole sole lands up a riser, beside the other foot behind a riser, up a steep ramp, and of a shuffling foot
-    flat = rise_before > _RISER_M or rise_of_foot != 0.0 or slope > STEEP_RAD + 0.05
+    steep = slope > STEEP_RAD + 0.05  # rad: 3° more than where steps become shorter
+    flat = rise_before > _RISER_M or rise_of_foot != 0.0 or steep
     flat |= gait.shuffle > _FLAT_SHUFFLE and rise_before >= -_RISER_M
     side = 1.0 if row.foot == "l" else -1.0
     error = np.clip(rng.normal(0.0, _SIDE_SD_M * gait.step_sd), -_MAX_SIDE_M, _MAX_SIDE_M)
@@ -386,7 +393,7 @@ def _footstep(
 def _riser_height(a: Strip, b: Strip) -> float:
     """Height of the risers between a footprint on strip `a` and the next one on strip `b`, m, up positive.
 
-    It is 0 within one strip.
+    It is 0 within one strip; `z0` and `z1` are the heights at the beginning and the end of a strip.
     """
     return 0.0 if a is b else b.z0 - a.z1
 

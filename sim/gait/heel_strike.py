@@ -88,7 +88,8 @@ feet, 56 strikes of one person."""
 def case_parameters(strike: float) -> ShoeParameters:
     """Vibration of a sensor case on head or chest after the strikes of both heels: a mostly vertical, decaying impulse.
 
-    `strike` is the largest acceleration up, m/s². Images do not show it: 10 m/s² at 12 Hz are 2 mm.
+    `strike` is the largest acceleration up, m/s². Images do not show it: 10 m/s² at 12 Hz are 2 mm. A speed of impact
+    of 1 m/s gives every strike this strength; the ball does not slap, and nothing rocks in stance.
     """
     return ShoeParameters(
         mode_hz=np.array([12.0, 25.0]),
@@ -103,7 +104,7 @@ def case_parameters(strike: float) -> ShoeParameters:
     )
 
 
-BEFORE_S = 0.02
+BEFORE_S = 0.02  # time before touch-down at which the speed of impact is read
 RISE_PERIODS = 0.4
 """A mode builds up within this share of its period."""
 SUPPORT = 10.0
@@ -230,9 +231,11 @@ class UpperMotion:
             strength = np.clip(impact / parameters.impact_mps, *parameters.strength) * np.exp(
                 parameters.strike_sd * rng.standard_normal()
             )
-            for t, share in ((step.t_touch, 1.0), (_slap_time(step, pitch, parameters.slap_rad), parameters.slap)):
+            slap_time = _slap_time(step, pitch, parameters.slap_rad)
+            # the heel strike, then the slap of the ball, with its strength relative to the strike's
+            for t, relative in ((step.t_touch, 1.0), (slap_time, parameters.slap)):
                 phase = shape + parameters.jitter_rad * rng.standard_normal(shape.shape)
-                strikes.append((t, strength * share * unit, phase))
+                strikes.append((t, strength * relative * unit, phase))
             rocks.append(rng.uniform(0.0, 2 * np.pi, parameters.rock_rate.shape))
         # one row for every mode after every strike
         begin = np.repeat([t for t, _, _ in strikes], len(parameters.mode_hz))
@@ -347,7 +350,7 @@ def _add_rocks(
 def _slap_time(step: Footstep, pitch: Callable[[Array], Array], flat_rad: float) -> float:
     """Time at which the sole slaps down after touch-down, s: the first instant with a pitch below `flat_rad`.
 
-    It is the touch-down itself if the foot does not become flat within 0.4 s.
+    It is found in steps of 2 ms; it is the touch-down itself if the foot does not become flat within 0.4 s.
 
     Args:
         step: The footstep.

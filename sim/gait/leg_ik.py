@@ -18,11 +18,15 @@ from stridetwin.streams.samples import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LegAngles:
-    """Angles of one leg at N instants, (N,) rad each.
-
-    Flexion, adduction, internal rotation, dorsiflexion and inversion are positive.
+    """Angles of one leg at N instants; all are 0 in upright stance.
 
     Attributes:
+        hip_flexion: (N,) rad, thigh forward positive.
+        hip_adduction: (N,) rad, thigh inwards positive.
+        hip_rotation: (N,) rad, internal rotation positive.
+        knee_flexion: (N,) rad, knee bent positive.
+        ankle_dorsiflexion: (N,) rad, toes up positive.
+        ankle_inversion: (N,) rad, sole inwards positive.
         stretch: (N,) m, excess of the hip-ankle distance over what the knee limit allows (0 = reached).
     """
 

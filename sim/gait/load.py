@@ -159,13 +159,14 @@ def _limit_to_contact(x: Array, t: Array, step: Footstep, pitch: Array, shoe: Sh
     flat = stance[tilt[stance] <= max(_FLAT_RAD, tilt[stance].min())]
     if flat[0] > stance[0]:  # the foot lands tilted
         flat_from = _flat_time(t, tilt, flat[0] - 1, flat[0])
-        first = np.maximum(x, 1.0 + _BALL_MARGIN)
+        tilted = np.maximum(x, 1.0 + _BALL_MARGIN)  # on the ball, or at the heel's edge
         if step.arrival == "heel":
-            first = np.full_like(x, (shoe.heel_back_x + _HEEL_MARGIN_M) / shoe.toe_hinge_x)
-        x = first + (x - first) * ease((t - flat_from) / _PASSING_S)
+            tilted = np.full_like(x, (shoe.heel_back_x + _HEEL_MARGIN_M) / shoe.toe_hinge_x)
+        x = tilted + (x - tilted) * ease((t - flat_from) / _PASSING_S)
     if flat[-1] < stance[-1]:  # the heel rises before toe-off
         flat_until = _flat_time(t, tilt, flat[-1] + 1, flat[-1])
-        x = x + (np.maximum(x, 1.0 + _BALL_MARGIN) - x) * ease((t - flat_until) / _PASSING_S + 1.0)
+        on_ball = np.maximum(x, 1.0 + _BALL_MARGIN)
+        x = x + (on_ball - x) * ease((t - flat_until) / _PASSING_S + 1.0)
     return x
 
 

@@ -65,7 +65,7 @@ def max_pelvis_height(
         size: Wearer.
         p_pelvis_in_world: (N, 3) m; the height has no effect.
         R_world_pelvis: (N, 3, 3).
-        paths: Path of each foot.
+        paths: Path of each foot, by side.
         min_knee: (N,) rad, least knee flexion.
     """
     limits = []
@@ -74,7 +74,7 @@ def max_pelvis_height(
         hip = R_world_pelvis @ np.array([0.0, sign * size.body.hip_half_width_m, 0.0])
         ankle = ankle_in_world(size, paths[side].p_foot_in_world, paths[side].R_world_foot)
         away_squared = ((p_pelvis_in_world + hip - ankle)[:, :2] ** 2).sum(1)  # m², horizontally from hip to ankle
-        # height of the hip above the ankle; at least 0.2 m, so that the root exists for a foot out of reach
+        # height of the hip above the ankle; at least 0.2 m (0.04 m²), so that the root exists for a foot out of reach
         hip_over_ankle = np.sqrt(np.maximum(reach(size, min_knee) ** 2 - away_squared, 0.04))
         limits.append(ankle[:, 2] - hip[:, 2] + hip_over_ankle)
     return np.minimum(*limits)
@@ -83,7 +83,8 @@ def max_pelvis_height(
 def min_knee_flexion(rhythm: Rhythm, t: Array) -> Array:
     """(N,) rad, least knee flexion at (N,) uniform s, which determines the height of the pelvis.
 
-    It is larger on stairs and uphill, there also for the next two steps, until the rear foot has left the ground.
+    It is larger on stairs and uphill. After a step up a stair or a ramp it stays so for the next two steps, until the
+    rear foot has left the ground.
     """
     uphill = np.array([step.slope if step.mode == "RA" else 0.0 for step in rhythm.steps])  # rad, by step
     of_mode = {"SD": _KNEE_DOWNSTAIRS_RAD, "SA": _KNEE_UPSTAIRS_RAD}
@@ -91,8 +92,8 @@ def min_knee_flexion(rhythm: Rhythm, t: Array) -> Array:
     # uphill, more by the slope, but not beyond the limit for that
     bent = np.minimum(bent + _KNEE_BY_SLOPE * uphill, np.maximum(bent, _MAX_KNEE_BY_SLOPE_RAD))
     climbing = np.where([step.mode in ("SA", "RA") for step in rhythm.steps], bent, 0.0)
-    for late in (1, 2):  # the rear foot leaves the ground during the next step or the one after
-        bent[late:] = np.maximum(bent[late:], climbing[:-late])
+    for later in (1, 2):  # steps; the rear foot leaves the ground during the next step or the one after
+        bent[later:] = np.maximum(bent[later:], climbing[:-later])
     return rhythm.blend(t, bent, _MIN_KNEE_RAD, _MIN_KNEE_RAD)
 
 
@@ -111,7 +112,8 @@ def level_height(rhythm: Rhythm, t: Array, leg_m: float) -> tuple[Array, Array, 
     """
     # 1 for a step on level ground whose neighbours are on level ground, too
     level = np.array([float(step.terrain == "level" and step.mode == "LG") for step in rhythm.steps])
-    level = np.minimum(level, np.append(level[1:], 1.0)) * np.minimum(1.0, np.append(1.0, level[:-1]))
+    following, preceding = np.append(level[1:], 1.0), np.append(1.0, level[:-1])  # standing counts as level
+    level = np.minimum(level, following) * preceding
     footprints = np.array([step.p_foot_in_world[2] for step in rhythm.steps])  # m, heights
     # mean height of the pelvis above the ground, leg lengths: the first entry of the style's `height`
     above_ground = rhythm.blend_style(t, "height", _STANDING_HEIGHT, 0)
@@ -119,9 +121,9 @@ def level_height(rhythm: Rhythm, t: Array, leg_m: float) -> tuple[Array, Array, 
     psi = 2 * np.pi * rhythm.phase(t)
     wave = np.zeros_like(t)
     for k in (1, 2, 3):  # entries 2 k − 1 and 2 k of the style's `height` are a_k and b_k
-        for index, swing in ((2 * k - 1, np.cos(k * psi)), (2 * k, np.sin(k * psi))):
+        for index, harmonic in ((2 * k - 1, np.cos(k * psi)), (2 * k, np.sin(k * psi))):
             amplitudes = np.array([step.style.height[index] for step in rhythm.steps])
-            wave += leg_m * rhythm.blend(t, level * amplitudes, 0.0, 0.0) * swing
+            wave += leg_m * rhythm.blend(t, level * amplitudes, 0.0, 0.0) * harmonic
     return mean, wave, rhythm.blend(t, level, 1.0, 1.0)
 
 
@@ -142,14 +144,15 @@ def fit_pelvis_height(goal: Array, limit: Array, dt: float) -> Array:
     penalty = sp.dia_array(D.T @ D)
     bands = np.zeros((4, n))  # upper diagonals of the symmetric system, the main one last, as for `solveh_banded`
     for offset, row in zip(penalty.offsets, penalty.data):
-        if offset >= 0:
+        if offset >= 0:  # the lower diagonals follow by symmetry
             bands[3 - offset, offset:] = _SMOOTHNESS**2 * row[offset:n]
     above = np.zeros(n, dtype=bool)  # rows whose target is the limit
     z = goal
-    for _ in range(40):
+    for _ in range(40):  # most iterations
         system = bands.copy()
         system[3] += np.where(above, _ABOVE_REACH_WEIGHT, 1.0)
-        before, z = z, solveh_banded(system, np.where(above, _ABOVE_REACH_WEIGHT * limit, goal))
+        before = z
+        z = solveh_banded(system, np.where(above, _ABOVE_REACH_WEIGHT * limit, goal))
         if np.abs(z - before).max() < _SETTLED_M:
             break
         above = z > limit

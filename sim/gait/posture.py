@@ -80,7 +80,7 @@ def plan_gaze(
     pitch, yaw = usual, np.zeros_like(t)
     if gaze.kind == "terrain":
         toward_ground = smooth_gaussian(_ground_gaze_pitch(s, dt, profile, leg_m), _PITCH_SMOOTHING_S, dt)
-        pitch = usual - _LEVEL_PITCH_RAD + toward_ground
+        pitch = usual - _LEVEL_PITCH_RAD + toward_ground  # in place of the pitch on the level
     elif gaze.kind == "wandering":
         away, yaw = _draw_gaze_shifts(t, rng)
         pitch = usual + away
@@ -187,7 +187,7 @@ def plan_posture(
 
     Args:
         rhythm: Steps.
-        paths: Path of each foot.
+        paths: Path of each foot, by side.
         leg_m: Hip centre to sole, m.
         t: (N,) uniform s.
         profile: Ground along the way.
@@ -200,7 +200,8 @@ def plan_posture(
     # how far the right foot is in front of the left one, in leg lengths
     ahead = (apart[:, 0] * np.cos(heading) + apart[:, 1] * np.sin(heading)) / leg_m
     stride = smooth_gaussian(ahead, _SWING_SMOOTHING_S, dt)
-    # a side of the pelvis is highest early in its stance
+    # (N,) −1 to 1: each side of the pelvis is highest `_LIST_PEAK` of a step after its touch-down. The left foot
+    # touches down at phase 1, where the first step ends, if it makes that step; otherwise its stance begins at phase 0
     list_to_left = np.cos(np.pi * (rhythm.phase(t) - float(rhythm.steps[0].foot == "l") - _LIST_PEAK))
     s = (paths["l"].s + paths["r"].s) / 2
     # mean slope of the ground from just behind the feet to the point of gaze
@@ -244,8 +245,8 @@ def _advance_in_time(x: Array, lead_s: float, dt: float) -> Array:
 def _hinge_angles(name: str, R: Array) -> dict[str, Array]:
     """(N,) rad by joint name, angles of the three hinges of a joint that give (N, 3, 3) rotations.
 
-    The hinges are flexion (about y), bending (x) and rotation (z), from the body that carries them outwards. `name` is
-    the first part of the joint names, `lumbar` or `neck`.
+    The hinges are flexion, bending and rotation, from the body that carries them outwards: R = R_y(flexion)
+    R_x(bending) R_z(rotation). `name` is the first part of the joint names, `lumbar` or `neck`.
     """
     return {
         f"{name}_flexion": np.arctan2(R[:, 0, 2], R[:, 2, 2]),

@@ -80,11 +80,12 @@ def stack_coordinates(
         exo: (N, J) rad, angles of the exoskeleton's legs by side; empty without exoskeleton.
         paths: Paths of the feet, for the extension of the toes.
     """
-    columns = dict(zip(layout.ROOT, np.column_stack([p_pelvis, pose.pelvis]).T))  # (N,) values by name
+    # (N,) values by name: first position (3) and yaw, pitch and roll (3) of the root
+    columns = dict(zip(layout.ROOT, np.column_stack([p_pelvis, pose.pelvis]).T))
     columns |= pose.joints
     for side in SIDES:
-        # `LegAngles` has a field for each of these joints
-        for joint in LEG_JOINTS[:-1]:  # the last one is the toes' hinge, which follows from the foot's path
+        # `LegAngles` has a field for each joint but the last, the toes' hinge, which follows from the foot's path
+        for joint in LEG_JOINTS[:-1]:
             columns[f"{joint}_{side}"] = getattr(legs_[side], joint)
         columns[f"toe_extension_{side}"] = paths[side].toe_extension
         if side in exo:

@@ -88,6 +88,7 @@ SIZES = {
 }
 """Number of entries of each field of `Style`, in the order of the fields."""
 LABELS = tuple(f"{name}_{i}" if n > 1 else name for name, n in SIZES.items() for i in range(n))
+"""Names of the entries of a style's vector: the field, and its number in a field of several entries."""
 
 
 def leg_length(size: Wearer) -> float:
@@ -151,7 +152,8 @@ def style_at(pace: float) -> Style:
     the step length. Above it, double support continues to shrink.
     """
     style = level_style(pace)
-    slowest, fastest = _read_table()[0][[0, -1]].tolist()
+    paces, _ = _read_table()
+    slowest, fastest = paces[[0, -1]].tolist()
     if pace > fastest:
         beyond = pace - fastest
         height = style.height.copy()
@@ -170,7 +172,7 @@ def style_at(pace: float) -> Style:
     longer = shorter * slowest / max(pace, 1e-6)  # time is length over speed
     style = _scale_amplitudes(style, max(shorter, _MIN_AMPLITUDE_SHARE))
     height = style.height.copy()
-    height[0] += (1.0 - shorter) * (_HEIGHT_SLOW - height[0])
+    height[0] += (1.0 - shorter) * (_HEIGHT_SLOW - height[0])  # the mean goes to that of the lowest speed
     return prolong(replace(style, height=height), longer, longer**_SWING_WITH_STEP)
 
 
@@ -183,6 +185,7 @@ def apply_shuffle(style: Style, shuffle: float) -> Style:
         return style
     swing_factor = 1.0 - _SHUFFLE_LOWERS * shuffle  # of the swing foot's offsets forward and up
     flat = _scale_amplitudes(style, 1.0 - _SHUFFLE_FLATTENS * shuffle)
+    # for those offsets, `swing_factor` takes the place of the factor on the amplitudes
     flat = replace(flat, forward=style.forward * swing_factor, lift=style.lift * swing_factor)
     return prolong(flat, 1.0, 1.0 - _SHUFFLE_STAYS * shuffle)  # a shorter swing in a step of the same duration
 
@@ -202,13 +205,13 @@ def prolong(style: Style, longer: float, swing_longer: float = 1.0) -> Style:
         longer: Duration relative to that step.
         swing_longer: Duration of the swing relative to its swing.
     """
-    # factor on the swing, and on the times before and after it, as shares of the step; what is left is double support
-    share = swing_longer / longer
+    # factor on the shares of the step that the swing and the times around it take; what is left is double support
+    factor = swing_longer / longer
     return replace(
         style,
-        double_support=1.0 - (1.0 - style.double_support) * share,
-        heel_off_before=style.heel_off_before * share,
-        flat_after=style.flat_after * share,
+        double_support=1.0 - (1.0 - style.double_support) * factor,
+        heel_off_before=style.heel_off_before * factor,
+        flat_after=style.flat_after * factor,
     )
 
 

@@ -11,7 +11,7 @@ from stridetwin.sim.parts.figure import make_ideal
 from stridetwin.sim.parts.kinds import PART_CLASSES, ForceCellPart, ImuPart, Part
 from stridetwin.streams.errors import ConfigError
 
-IDEAL = "-ideal"
+IDEAL = "-ideal"  # suffix of the name of a noise-free part
 
 
 @cache

@@ -30,6 +30,9 @@ _DRAWN = ("rotation", "position", "intrinsics", "offset", "readout")
 class CalibrationSd:
     """Standard deviations of calibration errors; all 0 for a perfect calibration.
 
+    A field with an alias has the alias's unit in files (degrees, mm, %, ms), and so have its limits; its value here is
+    in SI units, radians or fractions.
+
     Attributes:
         rotation_rad: Of the mount, about each axis of the camera.
         position_m: Of the mount, along each axis.

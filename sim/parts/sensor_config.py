@@ -1,4 +1,8 @@
-"""Configuration of each sensor group: its part, mount and clock."""
+"""Configuration of each sensor group: its part, mount and clock.
+
+A field with an alias has the alias's unit in scenario files, such as `position_mm` for `position_m`, and so have its
+limits; its value here is in SI units or radians.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +22,7 @@ from stridetwin.streams.fields import DEGREES, MILLIMETRES, MILLISECONDS, Number
 
 _Length = Annotated[Number, Field(ge=-300, le=300), MILLIMETRES]
 _Angle = Annotated[Number, Field(ge=-180, le=180), DEGREES]
-STANDARD_BACK_AHRS, STANDARD_BACK_IMU = "3DM-GX4-25", "3DM-GX4-25-imu"
+STANDARD_BACK_AHRS, STANDARD_BACK_IMU = "3DM-GX4-25", "3DM-GX4-25-imu"  # default parts on the back panel
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -36,7 +36,7 @@ from stridetwin.sim.world.bystanders import Crowd
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.samples import Array, Depth, Image
 
-PROCESSES = 2
+PROCESSES = 2  # rendering processes of a walk with cameras
 _PIPE_BYTES = 1 << 20  # size of a pipe's buffer
 _DRAWING = {"GALLIVM_PERF": "brilinear,rho_approx"}  # llvmpipe: textures in two thirds of the time, alike to the eye
 _BATCH = 6  # frames that a process renders between two requests
@@ -110,7 +110,8 @@ class CameraProcesses:
             The images in order of time with the stamps of their clocks; take them before those of the next request.
         """
         due: list[FrameRequest] = []
-        stamps: dict[tuple[str, int], int] = {}  # by topic and true time; also of the depth images
+        # by topic and true time; also of the depth images, whose topic is "" for a camera without depth
+        stamps: dict[tuple[str, int], int] = {}
         for camera in self._cameras:
             t_ns = instants(camera.rate_hz, after_ns, until_ns)
             stamped = zip(t_ns.tolist(), self._stamps[camera.topic].stamp(t_ns).tolist())

@@ -221,7 +221,8 @@ class _Camera:
         # camera matrix of the pinhole image
         self._K = np.array([[self.lens.intrinsics[0], 0, self.lens.intrinsics[2]],
                             [0, self.lens.intrinsics[1], self.lens.intrinsics[3]], [0, 0, 1.0]])  # fmt: skip
-        # whether only the board and its surroundings are rendered
+        # whether only the board and its surroundings are rendered; not in colour, because a `Patch` holds grey values,
+        # and not with distortion, which needs the whole image
         self._around_board = (
             mounted.sensor_config.frames == "board" and self._board is not None and self._grey and self.lens.straight
         )
@@ -231,7 +232,7 @@ class _Camera:
             noise = Noise.of_topic(seed, calibration.depth_topic)
             self._depth = DepthModel((calibration.height, calibration.width), fu, (pu, pv), part.depth, noise)
             # measured over true depth, without noise
-            self._scale = np.float32(depth_scale(topic, mounted.sensor_config.calibration_sd, seed))
+            self._depth_scale = np.float32(depth_scale(topic, mounted.sensor_config.calibration_sd, seed))
 
     def render(
         self, view: SensorView, data: mujoco.MjData, due: FrameRequest, T_body_frame: Array
@@ -269,7 +270,7 @@ class _Camera:
         if self._depth is not None:
             # brightness of the surfaces: the green channel
             grey = rgb[..., 1] if self.lens.straight else self.lens.distort(np.ascontiguousarray(rgb[..., 1]))
-            scaled = self._scale * self.lens.distort(depth, cv2.INTER_NEAREST)
+            scaled = self._depth_scale * self.lens.distort(depth, cv2.INTER_NEAREST)
             measured = self._depth.image(due.t_ns, scaled, grey)
             yield Depth(topic=self._calibration.depth_topic, t_ns=due.t_ns, depth=measured)
 
@@ -391,5 +392,5 @@ def _median_depth(depth: NDArray[np.float32]) -> float:
     """Median of the depths of every 16th pixel that sees a surface, m; `_FAR_M` if none does."""
     depths = np.sort(depth[::16, ::16], axis=None)
     visible = depths[np.searchsorted(depths, 0.0, "right") :]  # without the zeros, which stand for no surface
-    half = len(visible) // 2
+    half = len(visible) // 2  # the mean of the two depths in the middle, which are one for an odd number
     return float((visible[half] + visible[-half - 1]) / 2) if len(visible) else _FAR_M

@@ -18,7 +18,7 @@ from stridetwin.streams.samples import Array
 
 Pixels = NDArray[np.uint8]
 SPARE = 64
-"""A noise bank is larger than an image by this factor, and each image uses another crop of it."""
+"""A noise bank has this many more rows and columns than an image, and each image uses another crop of it."""
 BLANK = 96
 """Grey value of pixels that are not rendered."""
 _TARGET = 0.45  # target of automatic exposure: mean grey value over white, that of typical cameras
@@ -54,12 +54,13 @@ class ImageSensor:
             self._bank[:] = noise.normal(1.0, self._bank.shape)
             # variance of a clean level, in squared levels before the gain: its growth per level, and its value in the
             # dark
-            per_electron = 255 / (imager.full_well * light)
+            per_electron = 255 / (imager.full_well * light)  # levels; `full_well` electrons are white at nominal light
             self._variance[:] = per_electron, (per_electron * imager.read_noise) ** 2
-        # Light falls off with the fourth power of the cosine, to 1 - vignetting in the corners: 1 / (1 + tan²)²
-        # tan² is the sum of a share of the row and one of the column
-        across = ((1 - imager.vignetting) ** -0.5 - 1) / (height**2 + width**2)
-        self._tan2 = [(across * (2 * np.arange(n) - (n - 1)) ** 2).astype(np.float32) for n in (height, width)]
+        # Light falls off with the fourth power of the cosine, 1 / (1 + tan²)², to 1 - vignetting in the corners.
+        # tan² is the sum of a share of the row and one of the column, each in proportion to the squared distance from
+        # the middle; distances are doubled, so that they are whole numbers
+        tan2_per_square = ((1 - imager.vignetting) ** -0.5 - 1) / (height**2 + width**2)
+        self._tan2 = [(tan2_per_square * (2 * np.arange(n) - (n - 1)) ** 2).astype(np.float32) for n in (height, width)]
         # automatic exposure: gain of the next image, None before the first one, and time of the last image
         self._gain: float | None = None if imager.auto_exposure_s else 1.0
         self._before_ns = 0
@@ -78,7 +79,7 @@ class ImageSensor:
         """
         gain = self._update_gain(t_ns, clean) * self._light
         if gain == 1.0 and not self._noisy and not self._imager.vignetting:
-            return clean
+            return clean  # an ideal camera measures the clean levels
         # another crop of the noise bank for each image
         down, right = self._noise.at(t_ns).integers((SPARE, SPARE)) if self._noisy else (0, 0)
         channels, (height, width) = self._channels, clean.shape[:2]
@@ -182,6 +183,7 @@ class RenderedLens:
         rays = _rays(calibration)
         # (H, W) column and row at which the pinhole camera with these intrinsics sees the ray of each pixel
         u, v = fu * rays[..., 0] + pu, fv * rays[..., 1] + pv
+        # columns and rows that cover them, with one more on each side for the interpolation
         left, right = math.floor(u.min()) - 1, math.ceil(u.max()) + 1
         top, bottom = math.floor(v.min()) - 1, math.ceil(v.max()) + 1
         self.width, self.height = right - left + 1, bottom - top + 1

@@ -30,7 +30,7 @@ from stridetwin.streams.samples import Array
 NEAR_M = 0.02  # distance of the near plane of a view
 FAR_M = 200.0  # distance of the far plane
 SEEN_M = 50.0  # largest depth
-_MAX_GEOMS = 2000
+_MAX_GEOMS = 2000  # largest number of shapes in a scene
 _GROUND_M = 81 * PERIOD_M  # half an edge of the rendered ground; odd, otherwise its texture is half a period off
 _FILM_GROUND_M = 2001 * PERIOD_M  # likewise in a film, which has no haze: its edge is at the horizon
 _FILM_SCALE = 1.5  # rendered pixels per pixel of a film, along each axis, for smooth edges
@@ -569,6 +569,7 @@ def _paint(
                     rgb[row, column, k] = colours[min(max(i, 0), top), k]
             if up < 0 and away * flat > (1 - share) * edge:  # below the horizon, from the beginning of the haze on
                 q = -up / flat * steepness  # 0 at the horizon, 1 at the edge
+                # 0 at the horizon, 1 / (1 + share) at the edge, 1 where the haze begins
                 s = min(q / (1 + share * q), 1.0)
                 # opacity of the haze: it grows from the horizon to the edge, and fades from there to its beginning
                 a = s * (1 + share) if q < 1 else (1 - s) * (1 + share) / share

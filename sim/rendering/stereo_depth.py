@@ -46,9 +46,9 @@ class DepthModel:
         if part.noise:
             self._bank = _noise_bank(noise, shape, part.noise_px) * np.float32(part.noise / self._step)
             self._mixed = _noise_bank(noise.at(0), shape, 1.0)
-        # depth of each count of the disparity; count 0 has none
+        # depth of each count of the disparity that fits in 16 bits; count 0 has none
         depth = np.append(0.0, 1 / (self._step * np.arange(1, np.iinfo(np.int16).max + 1)))
-        if part.resolution:
+        if part.resolution:  # the camera gives depth itself in whole counts
             depth = part.resolution * np.round(depth / part.resolution)
         depth[(depth < part.range_min) | (depth > part.range_max)] = 0.0
         self._depth_of_count = depth.astype(np.float32)  # m; 0 out of range
@@ -78,7 +78,8 @@ class DepthModel:
         unmatched = self._mask_unmatched(near, mean, grey)
         # another crop of the noise banks for each image
         row, column = self._noise.at(t_ns).integers((SPARE, SPARE)) if part.noise else (0, 0)
-        # nearest and farthest surface in the matching window, between which flying pixels lie
+        # nearest and farthest surface in the matching window, the largest and the smallest count, between which flying
+        # pixels lie
         window = np.ones((2 * (self._window // 4) + 1,) * 2, np.uint8)  # half as large, because `near` is
         front, back = (np.asarray(f(near, window), np.float32) for f in (cv2.dilate, cv2.erode))
         beside = mean if part.noise else counts  # without noise, discontinuities are sharp
@@ -198,7 +199,7 @@ def _noise_bank(noise: Noise, shape: tuple[int, int], alike_px: float) -> NDArra
     """(H + SPARE, W + SPARE) unit normal deviates that are correlated over `alike_px` pixels, for images (H, W)."""
     height, width = shape[0] + SPARE, shape[1] + SPARE
     coarse = noise.normal(1.0, (round(height / alike_px) + 1, round(width / alike_px) + 1)).astype(np.float32)
-    if alike_px == 1:
+    if alike_px == 1:  # independent pixels, which need no interpolation
         return np.ascontiguousarray(coarse[:height, :width])
     bank = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR)
     return np.asarray(bank / bank.std(), np.float32)

@@ -70,7 +70,7 @@ class Sweep:
             cv2.warpPerspective(image, H, (width, height), borderMode=cv2.BORDER_REPLICATE)
             for H in self.homographies(shares * exposure_s)
         )
-        if copies == 2:
+        if copies == 2:  # their mean in one step
             return np.asarray(cv2.addWeighted(next(moved), 0.5, next(moved), 0.5, 0.0))
         total = np.zeros(image.shape, np.float32)
         for copy in moved:

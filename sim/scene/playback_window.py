@@ -149,12 +149,12 @@ def _launch_viewer(model: mujoco.MjModel, data: mujoco.MjData, pressed: queue.Si
 def _aim_camera(camera: mujoco.MjvCamera, model: mujoco.MjModel, head: Playhead) -> None:
     """Sets the window's camera: one of the model, or for number 0 a view that follows the pelvis."""
     if head.camera:
-        # number 0 is no camera of the model
+        # the model's own cameras count from 0, those of the window from 1
         camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, head.camera - 1
         return
     camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_TRACKING, -1
     camera.trackbodyid = model.body("pelvis").id
-    camera.azimuth, camera.elevation, camera.distance = 140.0, -12.0, 4.0
+    camera.azimuth, camera.elevation, camera.distance = 140.0, -12.0, 4.0  # degrees, degrees, m
 
 
 def _overlay_text(head: Playhead) -> tuple[str, str]:

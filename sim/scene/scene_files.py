@@ -52,7 +52,7 @@ def scene_files(config: TwinConfig, texture_px: int = TEXTURE_PX) -> dict[str, b
     root = exact_xml(spec, compile_model(spec))
     for node in list(find_section(root, "asset").iter("mesh")):
         name = str(node.get("name"))
-        if name.startswith(_SCENERY):
+        if name.startswith(_SCENERY):  # other meshes stay in the MJCF or are files already
             path = f"meshes/{config.name}/{name.removeprefix(_SCENERY)}.obj"
             files[path] = _format_obj(spec.mesh(name)).encode()
             node.attrib = {"name": name, "file": path, "inertia": "shell"}
@@ -99,7 +99,7 @@ def _extract_textures(spec: mujoco.MjSpec, finish: str, size: int) -> dict[str, 
     for texture in spec.textures:
         data = bytes(texture.data)
         if not data:
-            continue
+            continue  # not painted, but built in or a file
         if data not in painted:
             painted[data] = f"textures/{texture.name.removeprefix(_SCENERY)}{finish}.png"
             pixels = np.frombuffer(data, np.uint8).reshape(texture.height, texture.width, 3)

@@ -59,13 +59,14 @@ def scene_spec(config: TwinConfig) -> mujoco.MjSpec:
     _add_sensor_sites(spec, composition.sensor_rig.rig)
     _add_servos_and_keyframe(composition, config)
     route_m = float(compile_model(spec).stat.extent)  # of the whole scene
-    spec.stat.extent, spec.stat.center = _PERSON_M, (0.0, 0.0, 0.9)  # a viewer opens on the person
-    scale = spec.visual.map  # in extents
+    spec.stat.extent, spec.stat.center = _PERSON_M, (0.0, 0.0, 0.9)  # a viewer opens on the middle of the person
+    # distances of the near and the far plane, and the reach of shadows, over the whole route; all in extents
+    scale = spec.visual.map
     scale.znear, scale.zfar, scale.shadowclip = NEAR_M / _PERSON_M, FAR_M / _PERSON_M, route_m / _PERSON_M
     view = getattr(spec.visual, "global")
     # from the side in front; between walls from the front
     view.azimuth, view.elevation = 180.0 if config.route.scenery == "corridor" else 140.0, -12.0
-    view.offwidth, view.offheight = 1920, 1080
+    view.offwidth, view.offheight = 1920, 1080  # largest image that can be rendered off screen, pixels
     return spec
 
 

@@ -35,7 +35,8 @@ class AhrsModel(SensorModel[OtherSensor, AhrsPart]):
         super().__init__(calibration, part, noise)
         self._bias = noise.normal(part.tilt_bias, 2)  # rad, constant errors of roll and pitch
         self._keep = math.exp(-1 / (calibration.rate_hz * _TILT_S))  # share of the tilt error after one sample
-        self._tilt = self._keep * noise.normal(part.tilt_still, 2)[None]  # (1, 2), its state, as `lfilter` needs it
+        # (1, 2) rad, `_keep` times the last tilt error: the state of the filter, as `lfilter` needs it
+        self._tilt = self._keep * noise.normal(part.tilt_still, 2)[None]
         self._heading = float(noise.normal(part.heading_bias, 1)[0])  # rad, error so far without the drift
         self._drift = part.heading_drift * float(2 * noise.uniform(1)[0] - 1)  # rad/s, either way
         self._rate_bias = noise.at(0).normal(part.rate_bias, 3)  # rad/s

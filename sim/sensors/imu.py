@@ -162,6 +162,11 @@ class ImuModel(SensorModel[ImuCalibration, ImuPart]):
         part: True parameters of the sensor.
         noise: Source of its errors.
         gravity: Along −z of the world, m/s².
+
+    Attributes:
+        rate_hz: Sample rate.
+        steps: Inner steps per sample.
+        delay_s: Mean delay of the six low-pass filters, s; 0 for an ideal part.
     """
 
     def __init__(
@@ -200,7 +205,8 @@ class ImuModel(SensorModel[ImuCalibration, ImuPart]):
         if self._last is None:  # the first call: steady motion before it
             past = extrapolate_back(sensor, self.steps, 1 / (self.steps * self.rate_hz))
             # the first sample gets all its inner steps; the instant before them starts the first interval
-            sensor, self._last = past[1:].append_track(sensor), past[:1]
+            self._last = past[:1]
+            sensor = past[1:].append_track(sensor)
         dt, rate, force = compute_increments(self._last, sensor, self._gravity)
         self._last = sensor[-1:]
         if self.steps > 1:

@@ -89,7 +89,7 @@ class MountSlips:
             if isinstance(fault, LooseStrap):
                 for topics in _topics_by_body(events, rig).values():
                     # middle of the sensors on this body; they all have the same events
-                    pivot = np.mean([_mounts(rig)[t][1] for t in topics], axis=0)
+                    pivot = np.mean([position for _, position in (_mounts(rig)[t] for t in topics)], axis=0)
                     for event in events[topics[0]]:
                         slip = _draw_slip(fault, event, pivot)
                         for topic in topics:

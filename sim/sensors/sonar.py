@@ -109,9 +109,10 @@ def _range_of_balls(centre: Array, radius: Array, half_beam: float) -> Array:
     away = np.linalg.norm(centre, axis=-1)
     off_axis = np.arctan2(np.linalg.norm(centre[..., 1:], axis=-1), centre[..., 0])
     slant = np.clip(off_axis - half_beam, 0.0, math.pi / 2)  # between the centre and the cone's nearest ray
-    depth = radius**2 - (away * np.sin(slant)) ** 2  # squared half chord of that ray in the sphere; negative for a miss
-    hit = (depth >= 0) & (off_axis - half_beam < math.pi / 2)  # in front of the cone's nearest ray
-    return np.where(hit, away * np.cos(slant) - np.sqrt(np.maximum(depth, 0.0)), np.inf)
+    # squared half chord of that ray in the sphere, m²; negative for a miss
+    half_chord_squared = radius**2 - (away * np.sin(slant)) ** 2
+    hit = (half_chord_squared >= 0) & (off_axis - half_beam < math.pi / 2)  # in front of the cone's nearest ray
+    return np.where(hit, away * np.cos(slant) - np.sqrt(np.maximum(half_chord_squared, 0.0)), np.inf)
 
 
 def _beam_rays(half_beam: float) -> Array:

@@ -37,13 +37,15 @@ EXO_GROUPS = ("ahrs", "exo_imu", "encoder", "interaction", "actuator")
 _DEG = math.pi / 180
 _WALK_S = 100.0  # time in which the nominal random walk of a bias equals its in-run instability
 
+# places on the shoes, m in the foot's frame; a `Seat` counts aside towards the other foot
 FOOT_IMU = (-0.030, 0.042, 0.060)  # forward, outward, up
 FOOT_CAMERA = Seat(position_m=(-0.070, 0.045, 0.036), faces_rad=(27 * _DEG, 24 * _DEG), roll_rad=90 * _DEG)
 FOOT_BOARD = Seat(position_m=(-0.074, -0.005, 0.066), faces_rad=(167 * _DEG, 2 * _DEG))
 SONAR = Seat(position_m=(-0.030, 0.040, 0.050), faces_rad=(90 * _DEG, 0.0))
-RGBD_PITCH_RAD = 25 * _DEG
+RGBD_PITCH_RAD = 25 * _DEG  # of the RGB-D camera, down
 # body and position (m, forward, left, up) of the RGB-D camera, by its place
 RGBD_MOUNT = {"head": ("head", (0.10, 0.0, 0.12)), "chest": ("torso", (0.14, 0.0, 0.30))}
+# links of the built-in exoskeleton with an AHRS
 _AHRS_PLACES = ("back", *(f"{part}_{side}" for part in ("thigh", "foot") for side in SIDES))
 # D455 data sheet: the IMU relative to the imagers, optical axes.
 _P_IMU_IN_RGBD = (-0.0302, 0.0074, 0.0160)
@@ -75,7 +77,12 @@ class MountedSensor:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SensorRig:
-    """All sensors of a walk: their true calibration, and by topic their true parameters."""
+    """All sensors of a walk.
+
+    Attributes:
+        rig: Their true calibration.
+        sensors: Each sensor with its true parameters, by topic; that of a camera is its colour topic.
+    """
 
     rig: Rig
     sensors: dict[str, MountedSensor]
@@ -235,6 +242,8 @@ def _make_camera(
     """
     part, nominal, sensor_config = _select_part(config, group)
     imager: Imager = nominal.imager
+    # s, which turns stamps of the camera into those of the IMU: delay of the IMU's stamps minus that of the camera's
+    timeshift_s = _nominal_shift(config, imu_group) - _nominal_shift(config, group)
     width, height = round(imager.width), round(imager.height)
     calibration = CameraCalibration(
         topic=f"/{place}/color" if depth else f"/{place}/camera",
@@ -248,7 +257,7 @@ def _make_camera(
         distortion=imager.distortion,
         depth_topic=f"/{place}/depth" if depth else "",
         imu_topic=f"/{place}/imu",
-        timeshift_cam_imu_s=_nominal_shift(config, imu_group) - _nominal_shift(config, group),
+        timeshift_cam_imu_s=timeshift_s,
         readout_s=part.imager.rolling_s,
     )
     return MountedSensor(group=group, calibration=calibration, part=part, sensor_config=sensor_config)
@@ -339,7 +348,8 @@ def _sonars(config: TwinConfig) -> Iterator[MountedSensor]:
     for side in SIDES:
         out = _outward(side)
         forward, aside, up = SONAR.position_m  # aside is towards the other foot
-        # direction of the beam, and its place, in the foot's frame; a mount of the scenario replaces both
+        # direction of the beam, exactly sideways, and its place, in the foot's frame; a mount of the scenario replaces
+        # both
         inward, place = np.array([0.0, -out, 0.0]), np.array([forward, -aside * out, up])
         if seat is not None:
             place, inward = _shoe_place(seat, side)
@@ -351,7 +361,7 @@ def _insoles(config: TwinConfig) -> Iterator[MountedSensor]:
     """The pressure insoles of both shoes with the places of their four cells."""
     for side in SIDES:
         out = _outward(side)
-        # heel, lateral ball, medial ball, toe: x and y in the foot frame
+        # heel, lateral ball, medial ball, toe: x and y in the foot's frame, m
         cells = [[0.000, 0.0], [0.125, 0.028 * out], [0.140, -0.024 * out], [0.200, -0.010 * out]]
         yield _make_other_sensor(
             config, "insole", "insole", f"/foot_{side}/insole", Mount(body=f"foot_{side}"), cells_m=cells
@@ -475,7 +485,7 @@ def _viewing_rotation(forward: Array, roll: float) -> Array:
 
 
 def _rotation_with_x(axis: ArrayLike) -> Array:
-    """Rotation of a frame whose x axis is `axis`, not vertical, and whose y axis is horizontal."""
+    """(3, 3) rotation of a frame: x axis along the unit vector `axis`, not vertical, and y axis horizontal."""
     x = np.asarray(axis, dtype=float)
     y = np.cross([0.0, 0.0, 1.0], x)
     y /= np.linalg.norm(y)

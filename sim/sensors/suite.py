@@ -132,7 +132,8 @@ def _read_block(
         case "encoder":
             return model.read(t_ns, motion.angle[f"exo_{place}_flexion_{side}"][rows])
         case "interaction":
-            return model.read(t_ns, -motion.cuff_force[f"{place}_{side}"][rows])  # forward push: sensed behind
+            # the sensor counts a push on the front of the limb positive, the motion a push forward
+            return model.read(t_ns, -motion.cuff_force[f"{place}_{side}"][rows])
         case _:  # an actuator: the command is followed exactly
             hinge = f"exo_{place}_flexion_{side}"
             torque = np.interp(t_ns, loads.t_ns, loads.motors.get(hinge, np.zeros(len(loads.t_ns))))

@@ -72,6 +72,8 @@ class Anthropometry:
     Attributes:
         thigh_m: Hip centre to knee centre.
         shank_m: Knee centre to ankle centre.
+        upper_arm_m: Shoulder centre to elbow centre.
+        forearm_m: Elbow centre to wrist centre.
         ankle_height_m: Ankle centre above the shoe's sole.
         hip_half_width_m: Half the distance of the hip centres.
         shoe_length_m: Outer length of the shoe.
@@ -113,7 +115,9 @@ def anthropometry(person: Person) -> Anthropometry:
 
     def segment(name: str, z_proximal: float) -> MassProperties:
         """Segment that hangs down (−z) from a proximal end at height `z_proximal` of its body's frame."""
-        percent, _, com, *radii = table[name]  # of the body mass; of the length, from the proximal end; of the length
+        # %: share of the body mass; place of the centre of mass from the proximal end, and radii of gyration, as shares
+        # of the length
+        percent, _, com, *radii = table[name]
         mass, size = person.mass_kg * percent / 100.0, length(name)
         return MassProperties(
             mass=mass,
@@ -131,13 +135,15 @@ def anthropometry(person: Person) -> Anthropometry:
         segment("upper_trunk", middle + length("upper_trunk") - lumbar),
     )
     foot = segment("foot", 0.0)
-    toe_mass = 0.12 * foot.mass  # share of the foot in front of the toe hinge, and shares of its inertia: by hand
+    # part of the foot in front of the toe hinge; its share of the mass, the shares of the inertia and the centres of
+    # mass below are chosen by hand
+    toe_mass = 0.12 * foot.mass
     # the table's foot hangs along z; in the body's frame it lies along x
     lying_inertia = np.array([foot.inertia[2], foot.inertia[0], foot.inertia[1]])
     inertials = {
         "pelvis": segment("lower_trunk", lower),
         "torso": torso,
-        "head": segment("head", 0.286 * trunk),
+        "head": segment("head", 0.286 * trunk),  # from its top, this far above the neck's joint (trunk.xml)
         "upper_arm": segment("upper_arm", 0.0),
         "forearm": segment("forearm", 0.0),
         "hand": segment("hand", 0.0),

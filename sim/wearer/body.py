@@ -19,6 +19,7 @@ from stridetwin.sim.wearer.exo_body import add_exoskeleton, add_own_exo
 from stridetwin.sim.wearer.exoskeleton import ExoLinks, fit_links, modules
 from stridetwin.sim.wearer.leaves import attach, read_leaf, silence_prefix_warnings
 
+# hinges of a leg from the hip to the toes; in the model, each name ends with the side
 LEG_JOINTS = (
     "hip_flexion",
     "hip_adduction",
@@ -44,8 +45,10 @@ def fit_wearer(person: Person, with_exo: bool = True) -> Wearer:
         ConfigError: A person outside the range of the tables.
     """
     body = anthropometry(person)
-    girth = float(np.sqrt((person.mass_kg / 73.0) / (person.height_m / 1.741)))  # mass ~ height x girth²
-    k = body.shoe_length_m / 0.270  # relative to the shoe of the leaf files
+    # mass ~ height x girth², over those of the mean person, 73 kg and 1.741 m
+    girth = float(np.sqrt((person.mass_kg / 73.0) / (person.height_m / 1.741)))
+    k = body.shoe_length_m / 0.270  # relative to the shoe of the leaf files, which is 0.270 m long
+    # the heel's back is 0.045 m behind the foot's origin in every shoe; the hinge moves with the length
     shoe = Shoe(
         heel_back_x=-0.045,
         toe_hinge_x=0.145 * k,
@@ -106,7 +109,8 @@ def add_wearer(spec: mujoco.MjSpec, person: Person, exo: Exo | None) -> Wearer:
             _stretch_foot(shoe, body.shoe_length_m / 0.270)
             attach(spec.body(f"{carrier}_{side}"), shoe, part, side=side)
         arm = _scale_leaf("arm", {"upper_arm": body.upper_arm_m / 0.2817, "forearm": body.forearm_m / 0.2689}, girth)
-        attach(torso, arm, "upper_arm", np.array([0.0, y * 0.185, 0.395]) * trunk_scale, side)
+        shoulder = np.array([0.0, y * 0.185, 0.395]) * trunk_scale  # m, in the torso's frame
+        attach(torso, arm, "upper_arm", shoulder, side)
     _set_inertials(spec, body)
     if exo is not None and isinstance(size.exo, ExoLinks):
         add_exoskeleton(pelvis, size.exo, girth, modules(exo))

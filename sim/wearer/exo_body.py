@@ -68,10 +68,11 @@ def back_panel(links: ExoLinks, girth: float) -> mujoco.MjSpec:
     spec = read_leaf("exo_back")
     panel = spec.body("exo_back")
     # the panel's centre of mass moves to its distance behind the hips; plate, box and brackets move as far
-    moved, panel.ipos[0] = -links.hip6 - panel.ipos[0], -links.hip6
+    moved = -links.hip6 - panel.ipos[0]
+    panel.ipos[0] = -links.hip6
     for name in ("exo_back_plate", "exo_back_box", "exo_bracket_l", "exo_bracket_r"):
         spec.geom(name).pos[0] += moved
-    for side, y in (("l", links.hip1), ("r", -links.hip1)):
+    for side, y in (("l", links.hip1), ("r", -links.hip1)):  # the axes of hip abduction, left and right of the middle
         spec.geom(f"exo_bracket_{side}").pos[1] = y
     _lay_strap(spec, "exo_back_strap", _WAIST, girth)
     return spec
@@ -86,7 +87,9 @@ def leg_of(links: ExoLinks, girth: float) -> mujoco.MjSpec:
     offsets, _ = chain(links, "l")
     for name, offset in zip(EXO_LEG_BODIES, offsets):
         spec.body(name).pos = offset
-    # `fromto` of a shape: x, y, z of one end, then of the other, m
+    # lengths of `ExoLinks`: from the hip, the abduction hinge is `hip6` back, the arm `hip3` above that hinge, and the
+    # bars `hip2` to the side; the heel holder is `ankle1` behind the ankle's axis, and the axis of inversion `ankle2`
+    # inwards of the bar. `fromto` of a shape: x, y, z of one end, then of the other, m
     arm, beside = -links.hip6, links.hip2  # x of the hinge behind the hip; y of the bars beside the leg
     spec.geom("exo_hip_hinge").fromto[[0, 3]] += arm - spec.geom("exo_hip_arm").fromto[0]
     spec.geom("exo_hip_arm_out").fromto = [arm, 0, 0, arm, beside, links.hip3]
@@ -118,7 +121,8 @@ def _fit_bar(leg: mujoco.MjSpec, part: str, length: float, beside: float, girth:
     band, down = _LIMB[part], CUFF_SHARE[part] * length  # `down`: from the top of the link to the cuff
     gap = beside - band.half_y * girth  # from the skin to the bar
     bar, bracket, pad = (leg.geom(f"exo_{part}_{name}") for name in ("bar", "bracket", "pad"))
-    # sizes of boxes are half edges
+    # the link's origin is on the bar, and the limb's axis is `beside` inwards of it, along −y; sizes of boxes are half
+    # edges
     bar.pos[2], bar.size[2] = -0.5 * length, 0.5 * length
     bracket.pos[1:], bracket.size[1] = (-0.5 * gap, -down), 0.5 * gap
     pad.pos[1:] = -(gap - pad.size[1]), -down
@@ -165,6 +169,7 @@ def _add_module(leg: mujoco.MjSpec, joint: str, above: mujoco.MjsBody, down: flo
     """
     housing = read_leaf("exo_module")
     body = housing.body("module")
+    # the leaf has a mass of 1 kg, so that its inertia is per kg
     body.mass, body.inertia = module.mass_kg, module.mass_kg * np.asarray(body.inertia)
     attach(above, housing, "module", [0.0, _BESIDE_BAR_M, -down], prefix=f"exo_{joint}_")
     hinge = leg.joint(f"exo_{joint}_flexion")

@@ -194,7 +194,7 @@ def exo_couplings(size: Wearer) -> list[Coupling]:
     links, cuffs = size.exo, []
     for side in SIDES:
         for part, length in (("thigh", links.thigh), ("shank", links.shank)):
-            # place of the cuff on the axis of the limb; the bar of the exoskeleton is beside it
+            # place of the cuff on the axis of the limb; the bar of the exoskeleton is `hip2` beside it
             on_limb = np.array([0.0, 0.0, -CUFF_SHARE[part] * length])
             cuffs.append(
                 Coupling(
@@ -206,7 +206,8 @@ def exo_couplings(size: Wearer) -> list[Coupling]:
                     law=coupling_law("strap"),
                 )
             )
-        # in the foot's frame: place of the coupling, and origin of the exoskeleton's foot
+        # in the foot's frame, m: place of the coupling, 35 mm above the sole, and origin of the exoskeleton's foot,
+        # `ankle1` behind the ankle's axis
         p_heel = np.array([0.0, 0.0, 0.035])
         p_holder = np.array([size.ankle_x - links.ankle1, 0.0, size.body.ankle_height_m])
         cuffs.append(

@@ -25,6 +25,7 @@ from stridetwin.sim.wearer.anthropometry import Anthropometry
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
 
+# hinges of a leg of the frame, and the bodies that they move, from the pelvis to the foot; names without the side
 EXO_LEG_JOINTS = (
     "exo_hip_adduction",
     "exo_hip_rotation",
@@ -120,14 +121,16 @@ def fit_links(body: Anthropometry, girth: float, ankle_x: float, heel_back_x: fl
         heel_back_x: Back of the heel in the foot's frame, m.
     """
     # lengths of links that follow from the thickness of the body are rounded up, so that nothing presses on it
-    beside = _next_hole(0.078 * girth + _CLEARANCE_M)
+    beside = _next_hole(0.078 * girth + _CLEARANCE_M)  # 0.078 m: the mean person's leg, from its middle outwards
+    # from the hips back to the skin: a part that grows with the trunk, 0.045 m at 0.826 m, and one with the girth
+    to_back = body.trunk_m / 0.826 * 0.045 + 0.085 * girth
     return ExoLinks(
         hip1=_nearest_hole(body.hip_half_width_m),
         hip2=beside,
         hip3=_HIP_ARM_M,
         hip4=_HIP_ROTOR_M,
         hip5=_HIP_ARM_M - _HIP_ROTOR_M,
-        hip6=_next_hole(body.trunk_m / 0.826 * 0.045 + 0.085 * girth + _PANEL_M),
+        hip6=_next_hole(to_back + _PANEL_M),
         thigh=_nearest_hole(body.thigh_m),
         shank=_nearest_hole(body.shank_m),
         ankle1=ankle_x - heel_back_x,

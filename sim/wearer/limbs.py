@@ -140,7 +140,8 @@ def find_shapes(model: mujoco.MjModel, bodies: Collection[int]) -> list[LimbShap
         # from carrier to carrier, with the pose in each one's frame
         while body and body not in bodies and not model.body_jntnum[body]:
             R_carrier = from_quaternion(model.body_quat[body])
-            p, R, body = model.body_pos[body] + R_carrier @ p, R_carrier @ R, int(model.body_parentid[body])
+            p, R = model.body_pos[body] + R_carrier @ p, R_carrier @ R
+            body = int(model.body_parentid[body])
         if body in bodies:
             size, reach = model.geom_size[geom].copy(), float(model.geom_rbound[geom])
             shapes.append(
@@ -213,10 +214,11 @@ def _occludes(kind: int, size: Vec3, o: Vec3, d: Vec3) -> bool:
     if enters > 0.0:  # the eye is outside
         return enters * enters * dot(d, d) > NEAR_M * NEAR_M
     # the eye is inside: everything is occluded if it is deep inside, in the shape that is thinner by `SUNK_M`
+    # a capsule keeps the length between its balls, which become thinner
     length = size[1] if kind == _CAPSULE else size[1] - SUNK_M
     core = (size[0] - SUNK_M, length, size[2] - SUNK_M)
     thin = core[0] <= 0.0 or (core[1] <= 0.0 and kind != _SPHERE) or (core[2] <= 0.0 and kind in (_ELLIPSOID, _BOX))
-    if thin:
+    if thin:  # nothing remains of it, so no eye is deep inside
         return False
     enters, leaves = _inside_interval(kind, core, o, d)
     return enters <= 0.0 <= leaves
@@ -242,7 +244,7 @@ def _inside_interval(kind: int, size: Vec3, o: Vec3, d: Vec3) -> tuple[float, fl
         enters, leaves = max(a, c), min(b, e)
         if kind == _CYLINDER:
             return enters, leaves
-        if enters > leaves:
+        if enters > leaves:  # the line misses the cylinder, but it may still meet a ball
             enters, leaves = _NOTHING
         for end in (-size[1], size[1]):  # balls at the ends; the union is convex, so that the intervals make one
             z = o[2] - end
@@ -270,7 +272,7 @@ _inside_interval_for_python = _entry_kernel(_inside_interval)  # for Python
 @numba.njit(**INNER_KERNEL)
 def _slab(o: float, d: float, half: float) -> tuple[float, float]:
     """Interval of t in which o + t d is between -half and half; (inf, -inf) for none."""
-    if d == 0.0:
+    if d == 0.0:  # the line is parallel to the borders: inside everywhere or nowhere
         return (-math.inf, math.inf) if abs(o) <= half else (math.inf, -math.inf)
     a, b = (-half - o) / d, (half - o) / d
     return (a, b) if a < b else (b, a)
@@ -279,10 +281,10 @@ def _slab(o: float, d: float, half: float) -> tuple[float, float]:
 @numba.njit(**INNER_KERNEL)
 def _quadric(a: float, b: float, c: float) -> tuple[float, float]:
     """Interval of t in which a t² + 2 b t + c is at most 0, for a >= 0; (inf, -inf) for none."""
-    if a == 0.0:
+    if a == 0.0:  # the line does not leave its place in these axes: inside everywhere or nowhere
         return (-math.inf, math.inf) if c <= 0.0 else (math.inf, -math.inf)
-    inside = b * b - a * c
-    if inside < 0.0:
+    discriminant = b * b - a * c
+    if discriminant < 0.0:
         return (math.inf, -math.inf)
-    root = math.sqrt(inside)
+    root = math.sqrt(discriminant)
     return (-b - root) / a, (-b + root) / a

@@ -29,6 +29,7 @@ MOST_LINKS = 100
 """Largest number of bodies of the model."""
 MASS_KG = (0.05, 60.0)
 """Least and largest mass of the whole exoskeleton."""
+# settings of MuJoCo's compiler for a URDF: keep visual shapes, fixed links and the folders of meshes
 _URDF = 'discardvisual="false" fusestatic="false" strippath="false"'
 _PACKAGE = "package://"  # begins the paths of files in a ROS package
 _LARGEST_FILE = 4 << 20  # bytes

@@ -45,7 +45,10 @@ _FARTHEST_MM = 2000.0  # largest coordinate of a place on a link
 
 
 def _vector(most: float, low: float | None = None, scale: float = 1.0) -> ReadAs:
-    """Annotation of an array (3,): three numbers of the file from `low` (-most) to `most`, scaled."""
+    """Annotation of an array (3,): three numbers of the file, each times `scale`, the file's unit in that of the array.
+
+    The limits are in the file's unit: from `low`, by default -`most`, to `most`.
+    """
     entry = Annotated[Number, Field(ge=-most if low is None else low, le=most)]
     return ReadAs(GenericAlias(tuple, (entry,) * 3), lambda values: scale * np.array(values))
 
@@ -105,6 +108,7 @@ def _check_joint_names(names: Any, info: ValidationInfo) -> Any:
     joints = info.data.get("joints")  # None if that field is invalid itself
     for i, name in enumerate(names):
         if joints is not None and name not in joints:
+            # place of the invalid name below the field: its number in a sequence; nothing more for a mapping
             below = () if isinstance(names, dict) else (i,)
             raise field_error(name, f"one of the joints {', '.join(joints) or '(none named)'}", *below)
     return names
@@ -123,6 +127,9 @@ def _check_both_legs(cuffs: dict[str, Any]) -> dict[str, Any]:
 class _Seat(FileModel):
     """A place on a link of the model.
 
+    `position_mm` is named after its unit in the file, but here it is an array (3,) in metres; `rpy_deg` (3,) stays in
+    degrees.
+
     Attributes:
         link: Name of the link.
         position_mm: In the link's frame.
@@ -130,6 +137,7 @@ class _Seat(FileModel):
     """
 
     link: str
+    # mm in the file, m here
     position_mm: Annotated[Array, _vector(_FARTHEST_MM, scale=MM)] = Field(default_factory=lambda: np.zeros(3))
     rpy_deg: Annotated[Array, _vector(360.0)] = Field(default_factory=lambda: np.zeros(3))
 
@@ -137,7 +145,7 @@ class _Seat(FileModel):
     def pose(self) -> Array:
         """(4, 4) pose in the link's frame, m."""
         T = np.eye(4)
-        T[:3, 3] = self.position_mm
+        T[:3, 3] = self.position_mm  # already in m
         T[:3, :3] = Rotation.from_euler("xyz", self.rpy_deg, degrees=True).as_matrix()
         return T
 
@@ -155,6 +163,8 @@ class _ImuSeat(_Seat):
 class _CuffFile(FileModel):
     """A tie of a link to the wearer; three values are fore-aft, sideways and along the limb.
 
+    `at_mm` is named after its unit in the file, but here it is an array (3,) in metres.
+
     Attributes:
         link: Name of the link.
         at_mm: Place in the link's frame.
@@ -167,7 +177,7 @@ class _CuffFile(FileModel):
     """
 
     link: str
-    at_mm: Annotated[Array, _vector(_FARTHEST_MM, scale=MM)]
+    at_mm: Annotated[Array, _vector(_FARTHEST_MM, scale=MM)]  # mm in the file, m here
     kind: Literal["strap", "holder"] | None = None
     force_cells: StrictBool = False
     stiffness_n_m: Annotated[Array, _vector(1e5, 0.0)] | None = None
@@ -247,7 +257,7 @@ def read_own_exo(model: Path, rig: Path) -> OwnExo:
         raise combine_errors(errors)
     cuffs, sides = _cuffs(file, chains, rig)  # `sides`: number of the chain that is the leg of each side
     legs = {side: chains.legs[sides[side]] for side in "lr"}
-    for short, joint in file.joints.items():
+    for short, joint in file.joints.items():  # a short name ends with its side
         if hinge_of(short) not in {link.joint for link in legs[short[-1]]}:
             raise ConfigError(rig, f"joints.{short}", joint, f"a joint of the leg that is tied to {short[-1]}")
     _check_axes(model, rig, file.joints, legs)
@@ -301,7 +311,7 @@ def _cuffs(file: OwnExoFile, chains: Chains, rig: Path) -> tuple[tuple[Cuff, ...
             Cuff(
                 body=body,
                 link=chains.legs[leg][at].name,
-                p_in_link=T[:3, :3] @ cuff.at_mm + T[:3, 3],
+                p_in_link=T[:3, :3] @ cuff.at_mm + T[:3, 3],  # `at_mm` is in m after reading
                 law=cuff.law(body),
                 force_cells=cuff.force_cells,
             )
@@ -332,7 +342,10 @@ def _check_axes(model: Path, rig: Path, joints: Mapping[str, str], legs: dict[st
 
 
 def _module(motor: _Motor, link: Link) -> Module:
-    """Module of a powered joint: limits from the rig file, rotor, gear and friction from the model."""
+    """Module of a powered joint: limits from the rig file, rotor, gear and friction from the model.
+
+    The model's armature is the inertia of the rotor at the joint, so that the gear is 1; its links include the mass.
+    """
     return Module(
         gear=1.0,
         rotor_inertia=link.armature,

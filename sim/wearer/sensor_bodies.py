@@ -29,6 +29,7 @@ def add_rig(spec: mujoco.MjSpec, rig: Rig) -> None:
     for name, part, _, mount in visible_items(rig):
         T = mount.T_body_sensor
         frame = spec.body(UPPERS.get(mount.body, mount.body)).add_frame(pos=T[:3, 3], quat=to_quaternion(T[:3, :3]))
+        # the leaf's body is named after its part; the prefix makes that the name of the item
         frame.attach_body(read_leaf(part).body(part), name.removesuffix(part), "")
 
 

@@ -28,7 +28,7 @@ PARTS = ("trunk", *(f"{part}_{side}" for side in "lr" for part in ("thigh", "sha
 # of a person of 1.75 m: lengths of thigh and shank, height of the ankle, ankle to ball of the foot, half width of the
 # hips, and place of the left shoulder (forward, left, up) from the middle of the hips
 THIGH_M, SHANK_M, ANKLE_M, BALL_M, HIP_M, SHOULDER_M = 0.43, 0.41, 0.08, 0.13, 0.085, (0.0, 0.19, 0.49)
-UPPER_ARM_M = 0.29
+UPPER_ARM_M = 0.29  # length of the upper arm
 # Sonar targets: spheres (x, y, z, radius) in the frames of the parts, m.
 SONAR_SPHERES = {
     "trunk": [(0.0, 0.0, z, 0.13) for z in (0.0, 0.15, 0.30, 0.42)] + [(0.02, 0.0, 0.68, 0.10)],
@@ -98,12 +98,14 @@ class Bystander:
         p = np.stack([np.interp(t, self.t, column) for column in self.p.T], -1)
         yaw, steps = np.interp(t, self.t, self.yaw), np.interp(t, self.t, self.steps)
         (ahead, left), up = _horizontal(yaw), np.array([0.0, 0.0, 1.0])
-        # lists in the order of `PARTS`: trunk; then thigh, shank, foot, upper arm and forearm of each side
+        # `k` scales all lengths. Lists in the order of `PARTS`: trunk; then thigh, shank, foot, upper arm and forearm
+        # of each side
         k, origins, axes = self.size, [p], [_frame(left, up + _TRUNK_LEAN_RAD * ahead)]
         for sign, odd in ((1.0, 0), (-1.0, 1)):  # left, right
             ankle, R_foot, reach = self._foot(steps, odd)
             hip = p + sign * HIP_M * k * left
             knee, ankle = _two_links(hip, ankle, ahead, THIGH_M * k, SHANK_M * k)
+            # the shoulders move with the trunk, whose axes are the first ones
             shoulder = p + np.einsum("nij,j->ni", axes[0], np.array(SHOULDER_M) * [1.0, sign, 1.0]) * k
             swing = -_ARM_SWING_RAD * reach / _STEP_M  # the arm swings against the leg
             upper = _swing_limb(left, ahead, swing)
@@ -160,12 +162,13 @@ class Bystander:
         sooner = np.where(rise > 0, share / 0.6, (share - 0.4) / 0.6)  # up early in the swing, down late
         ball = a + ease(share)[:, None] * (b - a)
         ball[:, 2] = a[:, 2] + ease(sooner) * rise
-        # pitch, toes down positive: the heel rises before toe-off, and the toes are up before and after touch-down
+        # pitch, toes down positive: the heel rises from 0.15 steps after the body has passed the foot until toe-off,
+        # and comes down early in the swing; the toes are up late in the swing and just after touch-down
         pitch = _TOE_OFF_PITCH_RAD * ease((r - 0.15) / (_SUPPORT - 0.15)) * (1 - ease(share / 0.55))
         pitch += _TOUCH_DOWN_PITCH_RAD * (
             ease((share - 0.6) / 0.4) * (r > 0) + (1 - ease((r + _SUPPORT) / 0.2)) * (r < 0)
         )
-        bump = (4 * share * (1 - share)) ** 2  # lift of the swing, 1 in its middle
+        bump = (4 * share * (1 - share)) ** 2  # share of the swing's lift, 1 in its middle; a riser needs more lift
         # with the toes up the foot stands on its heel, so that the ball is higher
         ball[:, 2] += bump * (_LIFT_M + 0.3 * np.abs(rise)) + BALL_M * self.size * np.sin(np.maximum(-pitch, 0.0))
         yaw = self.hold_yaw[at] + ease(share) * (self.hold_yaw[at + 2] - self.hold_yaw[at])
@@ -192,7 +195,7 @@ def plan_bystanders(
         t: (N,) s of the walk.
         s: (N,) m, arc length of the walker along the way.
         p_walker: (N, 2) m, pelvis of the walker in the world.
-        rng: Draws their size and their start positions.
+        rng: Draws their common start angle and sense, and the size of each.
     """
     grid = np.arange(t[0], t[-1] + _GRID_S, _GRID_S)
     # on the grid: arc length and position of the walker; then start angle and sense of all bystanders
@@ -276,17 +279,21 @@ def _footholds(
     aside = np.stack([-np.sin(heading), np.cos(heading)], -1)  # to the left
     sign = np.where(count % 2 == 0, 1.0, -1.0)
     x, y, s, left, relative_yaw = (np.interp(count, steps, column) for column in path.T)
-    forward = beyond + 0.5 * BALL_M
+    forward = beyond + 0.5 * BALL_M  # m, from the place on the path to the ball
     ball = np.stack([x, y], -1) + _HALF_STANCE_M * sign[:, None] * aside + forward[:, None] * ahead
     # the whole sole is above the ground: a foothold inside a riser is moved to the riser's edge
-    # (4, K) m, points of the sole from heel to toes along the foot
+    # (4, K) m, from the place on the path to points of the sole: heel, waist, ball and toes, which are this far from
+    # the ball
     sole = forward + size * np.array([[-0.20], [-0.10], [0.0], [0.07]])
     ground = _ground_height(profile, s + sole * np.cos(relative_yaw), left + sole * np.sin(relative_yaw))
     return np.column_stack([ball, ground.max(axis=0)]), heading, first
 
 
 def _ground_height(profile: Sequence[Strip], s: Array, left: Array) -> Array:
-    """(...) height of the ground, m, at (...) arc lengths and distances to the left of the way."""
+    """(...) height of the ground, m, at (...) arc lengths and distances to the left of the way.
+
+    Each strip rises from the height `z0` at the arc length `s0` to `z1` at `s1`, and by `cross` per metre to the left.
+    """
     s0, s1, z0, z1, cross = np.array([(p.s0, p.s1, p.z0, p.z1, np.tan(p.cross_slope)) for p in profile]).T
     i = np.clip(np.searchsorted(s0, s, side="right") - 1, 0, len(s0) - 1)
     return z0[i] + (z1 - z0)[i] * np.clip((s - s0[i]) / (s1 - s0)[i], 0.0, 1.0) + cross[i] * left
@@ -296,13 +303,13 @@ def _hip_height(body: Bystander) -> Array:
     """(N,) m, height of the hips: as high as the legs reach, smoothed."""
     reach = (THIGH_M + SHANK_M) * body.size - 0.012  # m, of a nearly straight leg
     limits = []
-    for sign, odd in ((1.0, 0), (-1.0, 1)):
+    for sign, odd in ((1.0, 0), (-1.0, 1)):  # left, right
         ankle, _, _ = body._foot(body.steps, odd)
         hip = body.p[:, :2] + sign * HIP_M * body.size * np.stack([-np.sin(body.yaw), np.cos(body.yaw)], -1)
         away_squared = np.linalg.norm(ankle[:, :2] - hip, axis=1) ** 2  # m², horizontally from hip to ankle
         # at least √0.3 m above the ankle, so that the root exists
         limits.append(ankle[:, 2] + np.sqrt(np.maximum(reach**2 - away_squared, 0.3)))
-    return _smooth(np.minimum(*limits), _HIP_SMOOTHING_S) - 0.01
+    return _smooth(np.minimum(*limits), _HIP_SMOOTHING_S) - 0.01  # m, margin: smoothing may exceed the limit
 
 
 def _smooth(x: Array, sigma_s: float) -> Array:
@@ -323,7 +330,7 @@ def _two_links(hip: Array, ankle: Array, ahead: Array, thigh: float, shank: floa
     along = ankle - hip
     distance = np.linalg.norm(along, axis=1, keepdims=True)
     unit = along / distance
-    reached = np.minimum(distance, thigh + shank - 1e-4)
+    reached = np.minimum(distance, thigh + shank - 1e-4)  # m, of a leg that is not quite straight
     # angle at the hip between thigh and the line to the ankle, and the direction forward across that line
     cos = np.clip((thigh**2 + reached**2 - shank**2) / (2 * thigh * reached), -1.0, 1.0)
     forward = ahead - np.sum(ahead * unit, axis=1, keepdims=True) * unit
@@ -353,6 +360,7 @@ def _swing_limb(left: Array, ahead: Array, flexion: Array) -> Array:
     return _frame(left, np.cos(flexion)[:, None] * np.array([0.0, 0.0, 1.0]) - np.sin(flexion)[:, None] * ahead)
 
 
+# colours, RGB 0-1; of shirts and trousers one for each bystander
 _SHIRTS = ((0.72, 0.30, 0.22), (0.85, 0.70, 0.25), (0.35, 0.50, 0.28), (0.55, 0.40, 0.62))
 _TROUSERS = ((0.25, 0.28, 0.38), (0.36, 0.30, 0.26), (0.20, 0.20, 0.22), (0.42, 0.44, 0.47))
 _SKIN, _HAIR, _SHOE = (0.82, 0.62, 0.50), (0.22, 0.16, 0.11), (0.15, 0.15, 0.17)
@@ -381,7 +389,11 @@ def pose_crowd(model: mujoco.MjModel, data: mujoco.MjData, crowd: Crowd, t_s: fl
 
 
 def _geoms(part: str, shirt: tuple[float, float, float], trousers: tuple[float, float, float]) -> list[_Geom]:
-    """Type, centre, size and colour of the geoms of a body part, in its frame."""
+    """Type, centre, size and colour of the geoms of a body part, in its frame, m.
+
+    Sizes are as in MuJoCo: three half axes of an ellipsoid; radius and half length of a capsule, whose third entry is
+    not used.
+    """
 
     def limb(length: float, radius: float, colour: tuple[float, float, float]) -> _Geom:
         """A capsule from the frame's origin down to `length` m."""

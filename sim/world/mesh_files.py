@@ -49,6 +49,7 @@ def read_triangles(path: Path) -> Array:
             files = _check_gltf(path, kind, data)
         else:
             _check_declared(path, kind, data)
+        # one mesh of all parts, unchanged, without reading other files; only some readers know of materials
         mesh: Any = trimesh.load(
             io.BytesIO(data),
             file_type=kind[1:],
@@ -90,11 +91,13 @@ def _check_declared(path: Path, kind: str, data: bytes) -> None:
         if count > most or len(data) < 84 + 50 * count:
             raise ConfigError(path, "triangles declared", count, f"up to {most}, as many as there are")
     elif kind == ".ply":
+        # numbers of vertices, faces and other elements in the header, which is empty if its end is missing; no mesh
+        # needs ten vertices per triangle
         head = data[: data.find(b"end_header") + 1][:20_000]
         counts = [int(n) for n in re.findall(rb"element\s+\w+\s+(\d{1,18})", head)]
         if not counts or max(counts) > 10 * most or sum(counts) > len(data):
             raise ConfigError(path, "elements declared", counts, f"up to {10 * most}, as many as there are")
-    # OBJ and text STL: faces begin with `f` and `facet`
+    # OBJ and text STL: faces begin with `f` and `facet`; no triangle needs as many as 40 lines
     elif data.count(b"\nf ") > most or data.count(b"\nfacet") > most or data.count(b"\n") > 40 * most:
         raise ConfigError(path, "lines", data.count(b"\n"), f"a mesh of up to {most} triangles")
 

@@ -25,6 +25,8 @@ from stridetwin.streams.fields import DEGREES, InputFile, Number, OneOf, ReadAs
 from stridetwin.streams.samples import Array
 
 _FARTHEST_M = 1000.0  # largest coordinate
+
+
 # How a profile is divided into levels, ramps and stairs; chosen by hand for meshes with errors of millimetres.
 _MAX_ERROR_M = 0.010  # of the mesh from its replacement, anywhere on the way but beside risers
 _BESIDE_RISER_M = 0.025  # on both sides of a riser, where the error is not checked
@@ -51,6 +53,8 @@ _Unit = Annotated[
 @dataclass(frozen=True, kw_only=True)
 class MeshWay:
     """The way on a mesh.
+
+    In scenario files, `heading_rad` is `heading_deg`, whose limits are in degrees.
 
     Attributes:
         path: The mesh.
@@ -207,7 +211,7 @@ def _describe_keys(way: MeshWay, given: MeshWay) -> str:
 def _to_way_frame(corners: Array, way: MeshWay) -> Array:
     """(T, 3, 3) m, triangles in a frame with its origin at the start of the way, x along it, y to its left and z up."""
     x, y, z = np.moveaxis(corners, -1, 0)
-    if way.vertical_axis == "y":
+    if way.vertical_axis == "y":  # rotated about x by 90 degrees
         y, z = -z, y
     cos, sin = math.cos(way.heading_rad), math.sin(way.heading_rad)
     dx, dy = x - way.start_m[0], y - way.start_m[1]  # from the start of the way
@@ -229,7 +233,7 @@ def _cut_profile(corners: Array, s: Array, left: float, way: MeshWay) -> Array:
     Raises:
         ConfigError: A hole in the mesh, or no ground in reach.
     """
-    # triangles that face up, nearly, and that the line crosses
+    # triangles that have an area, face up, nearly, and that the line crosses
     edges = corners[:, 1:] - corners[:, :1]
     normal = np.cross(edges[:, 0], edges[:, 1])  # not of unit length; `size` is its length
     size = np.linalg.norm(normal, axis=1)
@@ -279,7 +283,7 @@ def _divide_into_segments(s: Array, z: Array, way: MeshWay) -> tuple[MeshSegment
     risers: list[float] = []
     treads: list[float] = []
     for i, (a, b) in enumerate(zip(starts, ends)):
-        if i:
+        if i:  # a riser leads to every part but the first
             rise, at = float(z[a] - z[a - 1]), f"riser at {s[a]:.2f} m"
             if not RISER_RANGE_M[0] <= abs(rise) <= RISER_RANGE_M[1]:
                 valid = f"{1e3 * RISER_RANGE_M[0]:g}-{1e3 * RISER_RANGE_M[1]:g} mm"
@@ -358,7 +362,8 @@ def _fit_lines(s: Array, z: Array, a: int, b: int, run: float, way: MeshWay) -> 
     parts: list[MeshSegment] = []
     for k, (i, j) in enumerate(pairwise(knots)):  # samples at the ends of a straight line
         length, rise = float(s[j] - s[i]), float(z[j] - z[i])
-        if k in (0, len(knots) - 2):  # the half steps at the ends
+        # the half steps to the risers at both ends: one for the first and the last line, both for a single line
+        if k in (0, len(knots) - 2):
             length += (run - float(s[b] - s[a])) / (2 if len(knots) > 2 else 1)
         if abs(rise) < _MAX_LEVEL_RISE_M:
             parts.append(Level(length_m=length))
@@ -393,6 +398,7 @@ def _fit_polyline(s: Array, z: Array, a: int, b: int) -> list[int]:
         # m, distance of each sample between i and j from the straight line from i to j
         off = np.abs(z[i : j + 1] - (z[i] + (z[j] - z[i]) * (s[i : j + 1] - s[i]) / max(s[j] - s[i], 1e-9)))
         worst = int(np.argmax(off))
+        # a part that is not straight is divided at its worst sample; a straight one is done
         if off[worst] > _MAX_STRAIGHT_ERROR_M and j - i > 1:
             todo.append(i + worst)
         else:

@@ -135,7 +135,7 @@ def surroundings(
     # each group is one object, such as a table of several boxes: all of it is placed, or nothing
     make_groups = {"outdoor": _outdoor_objects, "room": _room_objects, "corridor": _corridor_walls}[scenery]
     groups = make_groups(layout, bottom_m)
-    clearance = 0.0 if scenery == "corridor" else _CLEARANCE_M
+    clearance = 0.0 if scenery == "corridor" else _CLEARANCE_M  # a corridor's walls stand at the borders of the way
     landmarks = list(things)
     for group in groups:
         if all(_is_clear(mark.box, layout, landmarks, clearance) for mark in group):
@@ -144,7 +144,7 @@ def surroundings(
 
 
 def floor(scenery: str, layout: Layout) -> tuple[Slab, ...]:
-    """The floor of a room around the whole layout, at its lowest height; nothing outdoors."""
+    """The floor of a room around the whole layout, at its lowest height; nothing in other sceneries."""
     if scenery != "room":
         return ()
     low, high = _room_corners(layout)
@@ -189,6 +189,7 @@ def _is_clear(box: Solid, layout: Layout, landmarks: list[Landmark], clearance: 
     for slab in layout.slabs:
         p, q = slab.local(points)  # m along the slab from its start, and to the left of its axis
         beside = (p < -clearance) | (p > slab.length + clearance)
+        # within rounding, a wall may stand on the border
         beside |= (q > slab.left + clearance - 1e-9) | (q < -slab.right - clearance + 1e-9)
         if not beside.all():
             return False
@@ -203,6 +204,7 @@ def _are_apart(a: Solid, b: Solid) -> bool:
     p, q = corners(a)[:4, :2], corners(b)[:4, :2]
     for yaw in (a.yaw, a.yaw + math.pi / 2, b.yaw, b.yaw + math.pi / 2):
         axis = np.array([math.cos(yaw), math.sin(yaw)])
+        # boxes that touch, within rounding, do not overlap
         if (p @ axis).max() < (q @ axis).min() + 1e-6 or (q @ axis).max() < (p @ axis).min() + 1e-6:
             return True
     return False
@@ -222,12 +224,13 @@ def _outdoor_objects(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
         for i, s in enumerate(np.arange(first.s0 + 0.5 + (side > 0), last.s1, _SPACING_M).tolist()):
             if side < 0:  # the side of the film camera: nothing that occludes the walker
                 yield _planter(rng, _place_beside(layout, s, side, half), bottom, side, hedge_m=(0.12, 0.30))
-            elif i % 3 == 0:
+            elif i % 3 == 0:  # one pillar to two planters
                 yield _pillar(rng, _place_beside(layout, s, side, half), bottom, side)
             else:
                 yield _planter(rng, _place_beside(layout, s, side, half), bottom, side, hedge_m=(0.35, 0.80))
     x, y = layout.way.point(last.s1).tolist()
     end = _Frame(x=x, y=y, yaw=float(layout.way.heading(last.s1)), z=last.z1)
+    # a wall 2 m beyond the end, 9 m wider than the way and 2.8 m high
     yield [end.box("brick", 0.3, 9.0 + 2 * layout.slabs[0].left, bottom, last.z1 + 2.8, along=2.0)]
 
 
@@ -245,14 +248,17 @@ def _place_beside(layout: Layout, s: float, side: float, half: float) -> _Frame:
     reach = half  # m, from the middle of the way
     for slab in layout.slabs:  # a slab beside this place in the direction of the way, such as a lane, moves it outwards
         p, q = slab.local(np.array([x, y]))
-        if 0.0 <= p <= slab.length and math.cos(slab.heading - yaw) > 0.99:
+        if 0.0 <= p <= slab.length and math.cos(slab.heading - yaw) > 0.99:  # parallel within 8°
             reach = max(reach, float(slab.left - q if side > 0 else slab.right + q) + _CLEARANCE_M)
     x, y = layout.way.point(s, side * reach).tolist()
     return _Frame(x=x, y=y, yaw=yaw, z=float(profile_height(layout.profile, s)))
 
 
 def _pillar(rng: np.random.Generator, at: _Frame, bottom: float, side: float) -> list[Landmark]:
-    """A square pillar with a stone cap beside the way, on the side `side` (1 left, -1 right)."""
+    """A square pillar with a stone cap beside the way, on the side `side` (1 left, -1 right).
+
+    `rng` draws its width, its place and its height, in m.
+    """
     size = rng.uniform(0.3, 0.45)
     left = side * (size / 2 + rng.uniform(0.0, 0.5) + 0.05)
     top = at.z + rng.uniform(1.7, 2.6)
@@ -263,7 +269,10 @@ def _pillar(rng: np.random.Generator, at: _Frame, bottom: float, side: float) ->
 def _planter(
     rng: np.random.Generator, at: _Frame, bottom: float, side: float, hedge_m: tuple[float, float]
 ) -> list[Landmark]:
-    """A stone trough with a hedge of a height in `hedge_m` beside the way, on the side `side` (1 left, -1 right)."""
+    """A stone trough with a hedge of a height in `hedge_m` beside the way, on the side `side` (1 left, -1 right).
+
+    `rng` draws its length, its depth, its place, and the heights of trough and hedge, in m.
+    """
     length, depth = rng.uniform(1.0, 1.7), rng.uniform(0.4, 0.55)
     left = side * (depth / 2 + rng.uniform(0.0, 0.3))
     rim = at.z + rng.uniform(0.1, 0.2)
@@ -289,13 +298,14 @@ def _corridor_walls(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
         yield [end.box("brick", _CORRIDOR_WALL_M, 2 * half, bottom, top, along=along)]
     for line in lines:
         if line.curvature:
-            continue
+            continue  # walls stand beside straight parts only
         start, length = _Frame(x=line.x, y=line.y, yaw=line.heading, z=0.0), line.s1 - line.s0
         for side in (-1.0, 1.0):
             left = side * (half + _CORRIDOR_WALL_M / 2)
             # a wall is tested in short parts; neighbouring parts that are free and of one material become one box
             bricks = []  # (material, place along the line) of each part; "" where there is no space
             for along in np.arange(-2 * half, length + 2 * half, _BRICK_M).tolist():
+                # along the wall, stretches of `_SPACING_M`: one of brick to two of plaster
                 material = "brick" if math.floor((line.s0 + along) / _SPACING_M + side) % 3 == 0 else "plaster"
                 brick = start.box(material, _BRICK_M, _CORRIDOR_WALL_M, bottom, top, along=along, left=left)
                 free = _is_clear(brick.box, layout, built, 0.0)
@@ -330,11 +340,14 @@ def _room_objects(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
         # length of the wall, and distance to the opposite one
         along, away = (length, width) if quarter % 2 == 0 else (width, length)
         wall = _Frame(x=middle[0], y=middle[1], yaw=quarter * math.pi / 2, z=z)
+        # every 1.9 m a shelf, 0.4 m deep and just off the wall, and a poster between it and the next one
         for u in np.arange(0.9 - along / 2, along / 2 - 0.9, 1.9).tolist():
             size, tall = rng.uniform(0.8, 1.5), rng.uniform(0.8, 2.0)
             beside, material = u + rng.uniform(-0.2, 0.2), str(rng.choice(["wood", "brick", "stone"]))
             yield [wall.box(material, size, 0.4, z, z + tall, along=beside, left=0.22 - away / 2)]
+            # a poster has random numbers of its own, so that it changes no other object
             yield _poster(np.random.default_rng([_SEED, quarter, round(100 * (u + along))]), wall, u + 0.95, away)
+    # tables and chests on a grid of 1.7 m, each moved and rotated at random
     for u in np.arange(low[0] + 1.4, high[0] - 1.0, 1.7).tolist():
         for v in np.arange(low[1] + 1.4, high[1] - 1.0, 1.7).tolist():
             at = _Frame(x=u + rng.uniform(-0.3, 0.3), y=v + rng.uniform(-0.3, 0.3), yaw=rng.uniform(0, math.pi), z=z)
@@ -447,7 +460,7 @@ _UPRIGHT: dict[str, Callable[[_Frame], Iterator[Landmark]]] = {
 
 
 def _strip_at(layout: Layout, s: float) -> Strip:
-    """Strip of the profile at an arc length, the last one beyond the end."""
+    """Strip of the profile at an arc length: the first one before the start, the last one beyond the end."""
     return next((strip for strip in layout.profile if s < strip.s1), layout.profile[-1])
 
 
@@ -458,7 +471,7 @@ def check_things(things: Sequence[Thing], layout: Layout) -> None:
         ConfigError: The message names the object, its place, and what is valid.
     """
     first, last = layout.profile[0].s0, layout.profile[-1].s1
-    # (N, 2) m, where the walker's middle goes
+    # (N, 2) m, where the walker's middle goes, every 5 cm
     walked = layout.way.point(np.arange(0.0, last - RUN_OUT_M, 0.05))
     for i, thing in enumerate(things):
         strip, end = _strip_at(layout, thing.at_m), thing.at_m + LENGTHS_M[thing.kind]

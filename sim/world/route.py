@@ -195,7 +195,9 @@ class _Pen:
             right: Extent to the right, m.
         """
         self._add_slab_here(length, left, right)
-        aslant = length - 2 * _CROSSING_STRAIGHT_M  # m along the slab, of both arcs together
+        # two arcs of radius r that turn by θ and back move the way by 2 r sin θ along the slab, `aslant`, and by
+        # 2 r (1 − cos θ) to the side; so tan(θ / 2) is `aside` / `aslant`
+        aslant = length - 2 * _CROSSING_STRAIGHT_M
         curvature = 4 * aside / (aslant**2 + aside**2)  # 1/m of the first arc; `run` is the length of each
         run = 2 * math.atan2(abs(aside), aslant) / abs(curvature)
         heading = self.heading
@@ -272,7 +274,8 @@ class _Pen:
 
     def _add_slab(self, slab: Slab) -> None:
         """Adds a slab; merges it with the last one if both are on one level."""
-        slab, self.edge_radius = replace(slab, start_radius=self.edge_radius), 0.0
+        slab = replace(slab, start_radius=self.edge_radius)
+        self.edge_radius = 0.0  # used up by this slab
         if self.slabs and slab.terrain == "level":
             last = self.slabs[-1]
             meets = math.dist(last.point(last.length, 0.0), slab.point(0.0, 0.0)) < 1e-9
@@ -292,20 +295,20 @@ def _lay_segment(pen: _Pen, segment: Segment, half: float) -> None:
         case Ramp(angle_rad=angle, rise_m=rise, down=down):
             pen.lay_straight(rise / math.tan(angle), "ramp", half, half, rise=-rise if down else rise)
         case Stairs(heights_m=heights, tread_m=tread, down=down):
-            # sign of all heights, and number of the flight's first slab; overhang of a tread, and its own rise, m
-            way, first = -1.0 if down else 1.0, len(pen.slabs)
+            sign, first = -1.0 if down else 1.0, len(pen.slabs)  # of all heights; number of the flight's first slab
+            # overhang of a tread, m, which is all of it without risers below; and its own rise, m
             recess, rise = tread if segment.open_risers else segment.nosing_m, tread * math.tan(segment.tread_slope_rad)
             for i, height in enumerate(heights):  # before each riser but the first, a tread
                 if i and segment.turn_rad:
-                    pen.lay_winder(tread, segment.turn_rad / (len(heights) - 1), half, way * recess, down)
+                    pen.lay_winder(tread, segment.turn_rad / (len(heights) - 1), half, sign * recess, down)
                 elif i:
-                    pen.lay_straight(tread, "stair", half, half, rise=way * rise, recess=way * recess)
+                    pen.lay_straight(tread, "stair", half, half, rise=sign * rise, recess=sign * recess)
                 # the edge is the upper end of the riser: the end of the last slab, or the start of the next one
                 if down:
                     pen.round_last_edge(segment.edge_radius_m)
                 else:
                     pen.edge_radius = segment.edge_radius_m
-                pen.z += way * height
+                pen.z += sign * height
             if segment.turn_rad:
                 pen.flights.append(range(first, len(pen.slabs)))
 
@@ -348,10 +351,11 @@ def _lay_landing(pen: _Pen, level: Level, before: Segment | None, after: Segment
             aside = (before.walk - after.walk) * width
         sides.append(_extents_of_lanes(after, width, aside))
     left, right = np.max(sides, axis=0).tolist()
-    if aside == 0.0:
+    if aside == 0.0:  # the way goes straight on, because no other lane follows
         pen.lay_straight(level.length_m, "level", left, right)
         return
-    # length along the slab of two arcs of at least this radius that turn by at most 90 degrees
+    # length L along the slab of two arcs of at least this radius r that turn by at most 90 degrees (`lay_crossing`):
+    # L² ≥ 4 r a − a² and L ≥ a, for a distance a between the lanes
     arcs_m = math.sqrt(max(4 * _CROSSING_RADIUS_M * abs(aside) - aside**2, aside**2))
     shortest = 2 * _CROSSING_STRAIGHT_M + arcs_m
     if level.length_m < shortest - 1e-9:
@@ -388,6 +392,7 @@ def _check_conflicts(pen: _Pen, count: int) -> None:
         ConfigError: Names the segment, and what it overlaps.
     """
     for i, (slab, owner) in enumerate(zip(pen.slabs, pen.owners)):
+        # points of the slab from 2 cm inside its borders, about 0.25 m apart
         along = np.linspace(0.02, slab.length - 0.02, max(2, math.ceil(slab.length / 0.25)))
         across = np.linspace(0.02 - slab.right, slab.left - 0.02, max(2, math.ceil((slab.left + slab.right) / 0.25)))
         # (P, 3) m, points of the slab's surface
@@ -395,7 +400,9 @@ def _check_conflicts(pen: _Pen, count: int) -> None:
         for k, (other_slab, other_owner) in enumerate(zip(pen.slabs, pen.owners)):
             if k == i or any(_are_in_flight(flight, i, k) for flight in pen.flights):
                 continue
-            u, v = other_slab.local(points[:, :2])  # m along the other slab from its start, and to the left of its axis
+            # m along the other slab from its start, and to the left of its axis; slabs that only touch do not overlap,
+            # so 1 cm at its borders does not count
+            u, v = other_slab.local(points[:, :2])
             inside = (
                 (u > 0.01)
                 & (u < other_slab.length - 0.01)

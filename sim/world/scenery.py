@@ -37,7 +37,10 @@ def subtract_holes(polygon: Array, holes: Iterable[Array]) -> list[Array]:
 
 
 def split_into_quads(polygon: Array) -> list[Array]:
-    """Cuts a convex polygon (N, 2) into quadrilaterals (4, 2) whose diagonals have areas on both sides."""
+    """Cuts a convex polygon (N, 2) into quadrilaterals (4, 2).
+
+    The diagonal from the first to the third corner of each has areas on both sides, as two triangles need it.
+    """
     remaining, quads = polygon, []
     # four corners at a time; the next part begins with the first and the last of them
     while len(remaining) > 4:
@@ -78,9 +81,9 @@ def _clip_half_plane(polygon: Array, a: Array, b: Array, side: float) -> Array |
     run = (b - a) / np.linalg.norm(b - a)
     away = side * (run[0] * (polygon[:, 1] - a[1]) - run[1] * (polygon[:, 0] - a[0]))
     if away.max() < _TINY_M:
-        return None
+        return None  # nothing of it is on the wanted side
     if away.min() > -_TINY_M:
-        return polygon
+        return polygon  # all of it is
     points = []
     for i, j in zip(range(len(polygon)), np.roll(np.arange(len(polygon)), -1)):
         # keep corners on the wanted side, and add the point where an edge crosses the line
@@ -136,8 +139,8 @@ def paint_slabs(solids: Sequence[Solid], surface: SolidSet) -> list[Quad]:
         ]
         # width of the pale strip at both ends; 0 without a drop
         low, high = (min(_NOSING_M, solid.length) * _has_drop(solid, end, surface) for end in (-1.0, 1.0))
-        # parts of the top: (from, to) along the length, m, and material
         quads += _side_quads(solid, _SIDE)
+        # parts of the top: (from, to) along the length, m, and material
         for start, end, material in (
             (0.0, low, _NOSING),
             (low, solid.length - high, _TOP[solid.terrain]),
@@ -157,7 +160,7 @@ def _has_drop(solid: Solid, end: float, surface: SolidSet) -> bool:
     """Whether the ground is a riser lower just beyond one end of a solid: -1 the low-x end, 1 the high-x end."""
     beyond = end * (solid.length / 2 + 0.01)  # m from the centre, just outside
     x, y = solid.x + beyond * math.cos(solid.yaw), solid.y + beyond * math.sin(solid.yaw)
-    height, solid_index = surface.top_facet([x, y])
+    height, solid_index = surface.top_facet([x, y])  # -1 where the way ends and only the ground plane follows
     return bool(solid_index >= 0 and height < (solid.start if end < 0 else solid.end) - _RISER_M)
 
 
@@ -196,6 +199,7 @@ def _side_quads(solid: Solid, material: str) -> list[Quad]:
     quads = []
     for i, j in ((0, 1), (1, 2), (2, 3), (3, 0)):  # corners 0 to 3 are the underside, 4 to 7 the top above them
         face = np.array([c[i], c[j], c[4 + j], c[4 + i]])
+        # from the first corner's x on the first and the third side, from its y on the others
         along = c[i, i % 2] + math.dist(c[i, :2], c[j, :2]) * np.array([0.0, 1.0, 1.0, 0.0])
         quads.append(Quad(face, np.column_stack([along, -face[:, 2]]), material))
     return quads
@@ -286,6 +290,7 @@ def add_sky(spec: mujoco.MjSpec, light: float) -> None:
         width=32,
         height=192,
     )
+    # the sun casts shadows and makes highlights; the weaker light from the other side does neither
     for name, direction, colour, shadow in (
         ("sun", (0.35, 0.45, -0.82), (0.62, 0.60, 0.55), True),
         ("fill", (-0.6, -0.5, -0.3), (0.16, 0.17, 0.19), False),

@@ -51,10 +51,10 @@ def cast_rays(origins: Array, directions: Array, normals: Array, offsets: Array,
                 # outward part of the direction, and distance of the origin inside the face's plane
                 speed = nx * dx + ny * dy + nz * dz
                 gap = offsets[s, f] - (nx * ox + ny * oy + nz * oz)
-                if speed < 0.0:
+                if speed < 0.0:  # the ray enters this half-space
                     if gap / speed > entry:
                         entry, face = gap / speed, f
-                elif speed > 0.0:
+                elif speed > 0.0:  # the ray leaves it
                     leave = min(leave, gap / speed)
                 elif gap < 0.0:  # parallel to the face and outside
                     leave = -np.inf
@@ -180,6 +180,7 @@ class SolidSet:
 
     def __init__(self, solids: Sequence[Solid], ground: float) -> None:
         """Collects the fields of the solids as arrays; `ground` is the height of the plane, m."""
+        # (S,) values of each field, by its name
         column = {
             name: np.array([getattr(s, name) for s in solids])
             for name in ("x", "y", "yaw", "length", "width", "bottom", "start", "end", "cross")

@@ -1,6 +1,8 @@
 """Procedural textures that tile seamlessly: rich in corners for visual odometry, and realistic to look at.
 
-Each function paints a square of `SIZE` pixels that represents a square of `PERIOD_M` metres.
+Each function paints a square of `SIZE` pixels that represents a square of `PERIOD_M` metres. Most add up a tone, a grey
+value of 0-1: a mean, a random difference for every slab, plank or brick, noise, and pebbles. Joints have a tone of
+their own, and `_paint` multiplies the tone by a tint. All these numbers are chosen by eye.
 """
 
 from __future__ import annotations
@@ -99,6 +101,7 @@ def _white(pixels: Pixels) -> Pixels:
 
 
 FINISHES: dict[str, Callable[[Pixels], Pixels]] = {"rich": lambda pixels: pixels, "plain": _plain, "white": _white}
+"""By name of a finish: the change that it makes to a painted texture."""
 
 
 def _noise(rng: np.random.Generator, power: float, stretch: tuple[float, float] = (1.0, 1.0)) -> Array:
@@ -108,7 +111,7 @@ def _noise(rng: np.random.Generator, power: float, stretch: tuple[float, float] 
     """
     fy, fx = np.meshgrid(np.fft.fftfreq(SIZE) * SIZE, np.fft.rfftfreq(SIZE) * SIZE, indexing="ij")
     radius = np.hypot(fx / stretch[0], fy / stretch[1])
-    radius[0, 0] = np.inf  # no mean value
+    radius[0, 0] = np.inf  # no mean value; below three periods per edge, the spectrum is flat
     spectrum = np.fft.rfft2(rng.standard_normal((SIZE, SIZE))) / np.maximum(radius, 3.0) ** power
     image = np.fft.irfft2(spectrum, s=(SIZE, SIZE))
     return image / image.std()

@@ -23,12 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator
 
+from stridetwin.streams.bounded import LARGEST_SETTING, read_text
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.fields import Count, NotNegative, Number, OneOf, Positive
 from stridetwin.streams.formats.assumed_calibration import BODY
 from stridetwin.streams.formats.derived import to_odometry
 from stridetwin.streams.formats.image_files import choose_camera, read_image_list, write_image
-from stridetwin.streams.formats.opencv_yaml import read_opencv_yaml
 from stridetwin.streams.formats.text_rows import (
     TextRow,
     parse_nanoseconds,
@@ -45,6 +45,7 @@ from stridetwin.streams.recording.recording_schema import RIG_NAME
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Array, Block, Depth, Image, Imu, Odometry, Sample, Stamps
 from stridetwin.streams.validation import validate
+from stridetwin.streams.yaml_file import parse_yaml
 
 # names and units of the layout's columns after the stamp: angular rate and specific force of an IMU; position,
 # quaternion and velocity of a ground truth (R: reference frame, S: sensor frame)
@@ -266,7 +267,9 @@ def _read_sensor(folder: Path, kind: type[S]) -> S | None:
     file = folder / "sensor.yaml"
     if not file.exists():
         return None
-    return validate(kind, read_opencv_yaml(file), file)
+    # OpenCV's own YAML extensions: a directive and a tag that other parsers do not know
+    text = re.sub(r"!!opencv-matrix|^%.*$", "", read_text(file, LARGEST_SETTING), flags=re.MULTILINE)
+    return validate(kind, parse_yaml(text, str(file)), file)
 
 
 BASELINE_M = (0.001, 1.0)

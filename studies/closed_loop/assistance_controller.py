@@ -36,9 +36,12 @@ _EXTENDING, _BENDING, _BOTH = TorqueShares(extending=1.0), TorqueShares(bending=
 
 
 class ModeAssistance(NamedTuple):
-    """Assistance of one mode: its share of the torque limit, and those of each joint of a loaded or unloaded leg.
+    """Assistance of one mode. A joint that `stance` or `swing` does not name, such as the ankle, gets no torque.
 
-    A joint that `stance` or `swing` does not name, such as the ankle, gets no torque.
+    Attributes:
+        share: Share of the torque limit, 0-1, which multiplies those of the joints.
+        stance: Shares of each joint of a loaded leg, by its name without side, such as `hip`.
+        swing: Shares of each joint of an unloaded leg, by its name without side.
     """
 
     share: float
@@ -142,8 +145,9 @@ class AssistanceController:
 def _torque_share(joint: str, observation: Mapping[str, Array]) -> float:
     """Share of the torque limit for one joint, -1 to 1.
 
-    It is the share of mode, leg and direction times min(|speed| / full speed, 1). Speed and torque are positive in
-    flexion, so that the torque has the sign of the speed.
+    It is the share of the mode, times that of leg and direction, times min(|speed| / full speed, 1), where the full
+    speed is `STANCE_RADPS` in extension under load, else `FULL_RADPS`. Speed and torque are positive in flexion, so
+    that the torque has the sign of the speed.
 
     A leg in swing takes the mode with the larger share of both legs, because a leg that swings up from the last tread
     has to be lifted though it comes down on the level. Without a sample of the joint the share is 0.
@@ -158,10 +162,11 @@ def _torque_share(joint: str, observation: Mapping[str, Array]) -> float:
     speed = float(actuator[2])
     loaded = observation["loaded"][foot] > 0.0
     modes = [MODES[int(mode)] for mode in observation["mode"]]
-    assistance = ASSISTANCE[modes[foot] if loaded else max(modes, key=lambda mode: ASSISTANCE[mode].share)]
+    mode = modes[foot] if loaded else max(modes, key=lambda mode: ASSISTANCE[mode].share)
+    assistance = ASSISTANCE[mode]
     shares = (assistance.stance if loaded else assistance.swing).get(name, TorqueShares())  # ankles get no torque
     if not abs(speed) > 0.0:  # at rest, or NaN, because no sample has arrived yet
         return 0.0
     share = -shares.extending if speed < 0.0 else shares.bending
-    full = STANCE_RADPS if speed < 0.0 and loaded else FULL_RADPS
-    return assistance.share * share * min(abs(speed) / full, 1.0)
+    full_radps = STANCE_RADPS if speed < 0.0 and loaded else FULL_RADPS
+    return assistance.share * share * min(abs(speed) / full_radps, 1.0)

@@ -107,7 +107,7 @@ def compute_costs(result: WalkResult) -> dict[str, dict[str, float]]:
     # (N,) W: positive power, and what of it exceeds the torque limits of the motors
     power = np.maximum(torque * speed, 0.0).sum(axis=1)
     rest = np.maximum(torque * speed - torque_limits_nm(WEARER_JOINTS) * np.abs(speed), 0.0).sum(axis=1)
-    cuffs = _cuff_force_squared(result)  # (N,) like power and rest
+    cuffs = _cuff_force_squared(result)  # (N,) N², mean square of the cuffs' forces
     # of both feet, by touch-down
     steps = sorted((s for side in SIDES for s in _select_landed(walk.steps[side])), key=lambda s: s.t_touch)
     cost_of_mode = {mode: {"steps": 0.0, "work_j": 0.0, "rest_j": 0.0, "cuff_n": 0.0} for mode in MODES}
@@ -120,20 +120,21 @@ def compute_costs(result: WalkResult) -> dict[str, dict[str, float]]:
         cost["steps"] += 1.0
         cost["work_j"] += float(power[during_step].sum()) * STEP_S
         cost["rest_j"] += float(rest[during_step].sum()) * STEP_S
-        cost["cuff_n"] += float(cuffs[during_step].mean())  # a mean square here, the RMS below
+        cost["cuff_n"] += float(cuffs[during_step].mean())  # N², mean square of a step
+    # the sum of the steps' mean squares becomes the RMS over the steps, N
     for cost in cost_of_mode.values():
         cost["cuff_n"] = float(np.sqrt(cost["cuff_n"] / cost["steps"])) if cost["steps"] else 0.0
     return {mode: cost for mode, cost in cost_of_mode.items() if cost["steps"]}
 
 
 def _cuff_force_squared(result: WalkResult) -> Array:
-    """(N,) mean square of the cuffs' forces at the walk's N instants, N²; 0 without exoskeleton."""
+    """(N,) N², mean over the cuffs of their squared forces at the walk's N instants; 0 without exoskeleton."""
     t = result.walk.t
     if result.twin.config.exo is None:
         return np.zeros(len(t))
     t_ns = np.round(t * 1e9).astype(np.int64)
     motion = Replay(result.twin.model, result.walk).motion(t_ns)
-    # (N,) N of each cuff, by name
+    # `cuff_force` has the force of each cuff, (N,) N, by name
     return np.asarray(np.mean([np.square(force) for force in motion.cuff_force.values()], axis=0))
 
 

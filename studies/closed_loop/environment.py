@@ -34,6 +34,7 @@ from stridetwin.studies.closed_loop.plan_cache import cache_plans
 HIP_NM, KNEE_NM = 20.0, 15.0
 """Torque limits of hips and knees of the built-in exoskeleton, N m; an exoskeleton of the user's has its own."""
 WEARER_JOINTS = tuple(f"{joint}_flexion_{side}" for joint in ("hip", "knee") for side in SIDES)
+"""The wearer's own joints whose work is counted: both hips, then both knees, left first."""
 _ORDER = ("hip", "knee", "ankle")  # of the joints among the actions
 _OBSERVED = {
     "insole": (4, ("force",)),
@@ -138,10 +139,10 @@ class WalkPhysics(control.Physics):
         return STEP_S
 
     def power(self, seconds: float) -> Array:
-        """Power of the wearer's own hips and knees, (N, 4) W in the order of `WEARER_JOINTS`.
+        """Power of the wearer's own hips and knees in the last N time steps, (N, 4) W in the order of `WEARER_JOINTS`.
 
         Args:
-            seconds: The last time steps of this duration.
+            seconds: How long these time steps take together.
         """
         torque, speed = wearer_joints(self.live.simulation.recent(seconds))
         return torque * speed
@@ -290,7 +291,7 @@ class Assistance(control.Task):
 
     def get_reward(self, physics: WalkPhysics) -> float:
         """Minus the wearer's positive work of hips and knees in the last step, J: never above 0."""
-        # (N, 4) W at the time steps of one control step, summed over joints and time
+        # W at the time steps of one control step, (N, 4), summed over joints and time; times the time step it is J
         return -float(np.maximum(physics.power(PERIOD_S), 0.0).sum()) * STEP_S
 
     def get_termination(self, physics: WalkPhysics) -> float | None:

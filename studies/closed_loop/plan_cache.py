@@ -37,7 +37,7 @@ def cache_plans(folder: Path | None = None) -> tuple[Callable[..., Reference], C
         folder: Where the plans are kept; None for the user's cache.
 
     Returns:
-        In place of `plan_reference` and of `plan_control`.
+        Functions that take the place of `plan_reference` and of `plan_control`.
     """
     memory = Memory(folder or user_cache_path("stridetwin") / "plans", verbose=0)
     memory.reduce_size(bytes_limit=MAX_BYTES)

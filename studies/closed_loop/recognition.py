@@ -21,7 +21,7 @@ from stridetwin.streams.samples import Sample
 LEVEL_MODE = "LG"
 """Mode of level ground."""
 _LATE_NS = 100_000_000
-"""A foot that lands later than planned is still in swing."""
+"""So long after its planned touch-down a step still counts as upcoming, because the foot may land late."""
 
 
 class Recognition:
@@ -96,7 +96,8 @@ class LegRecognition(Recognition):
         """Passes a sample to the estimator; a new step with a known mode sets all modes."""
         step = self._legs.update(sample)
         if step is not None and step.step > 0 and step.mode != UNKNOWN:  # step 0 is standing at the start
-            self.current, self.upcoming = dict.fromkeys(SIDES, step.mode), dict.fromkeys(SIDES, step.mode)
+            self.current = dict.fromkeys(SIDES, step.mode)
+            self.upcoming = dict.fromkeys(SIDES, step.mode)
 
 
 class TrueModes(Recognition):
@@ -123,10 +124,11 @@ class TrueModes(Recognition):
     def update(self, sample: Sample) -> None:
         """Sets the modes at the time of a sample; a step up to 0.1 s late is still upcoming."""
         for foot, times in self._times.items():
-            # numbers of landed steps, now and of those that landed 0.1 s ago or earlier: indices of current modes
-            landed, landed_before = bisect_right(times, sample.t_ns), bisect_right(times, sample.t_ns - _LATE_NS)
+            # number of steps that have landed, which is also the index of the mode of the last one of them
+            landed = bisect_right(times, sample.t_ns)
+            landed_long_ago = bisect_right(times, sample.t_ns - _LATE_NS)  # 0.1 s ago or earlier
             self.current[foot] = self._modes[foot][landed]
-            self.upcoming[foot] = self._modes[foot][landed_before + 1]
+            self.upcoming[foot] = self._modes[foot][landed_long_ago + 1]
 
 
 def _corrupt_mode(mode: str, wrong_share: float, rng: np.random.Generator) -> str:

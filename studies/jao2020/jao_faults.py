@@ -28,7 +28,14 @@ _OF_FEET: tuple[_FigureOfFeet, ...] = ("end_nees", "nees_mean", "nees_within_95_
 
 
 class FaultFigures(FootScores):
-    """Scores of both feet under one fault, with the reported uncertainty; only `error` where the filter refuses."""
+    """Scores of both feet under one fault, with the reported uncertainty; only `error` where the filter refuses.
+
+    Attributes:
+        sd_max_m: Largest horizontal standard deviation of either foot.
+        apart_sd_mean_m: Horizontal standard deviation of the feet's position to each other, mean over the walk.
+        apart_sd_max_m: Its largest value.
+        error: Message with which the filter refuses.
+    """
 
     sd_max_m: float
     apart_sd_mean_m: float
@@ -54,7 +61,8 @@ class _UncertaintyLog(FootToFoot):
         """
         estimate = super().update(sample)
         if estimate is not None and isinstance(sample, Imu):
-            # (foot, axis, foot, axis): the states of both feet follow each other, each with its position first
+            # (2, 2, 2, 2): foot, axis, foot, axis, of the horizontal axes; the states of both feet follow each other,
+            # each with its position first
             P = estimate.covariance.reshape(2, len(estimate.covariance) // 2, 2, -1)[:, :2, :, :2]
             # (2, 2) m², covariance of the horizontal relative position; rounding may turn its trace negative
             apart = P[0, :, 0] + P[1, :, 1] - P[0, :, 1] - P[1, :, 0]
@@ -113,6 +121,7 @@ def collect(results: list[FaultRow[FaultFigures]]) -> Collected[dict[str, Figure
 def _mean_figures(rows: list[FaultFigures]) -> Figures:
     """Means of a fault's figures over walks, and the largest standard deviations.
 
+    `end_error_m` is the horizontal size of the error at the end, `end_height_error_m` the size of its vertical part.
     If the filter has refused any of the walks, only its first message (`error`), the number of refusals (`refused`) and
     that of walks (`of`) are given.
     """
@@ -124,7 +133,7 @@ def _mean_figures(rows: list[FaultFigures]) -> Figures:
     return {
         "end_error_m": np.linalg.norm(ends[:, :, :2], axis=2).mean(axis=0).tolist(),
         "end_height_error_m": np.abs(ends[:, :, 2]).mean(axis=0).tolist(),
-        **{k: np.mean([f[k] for f in rows], axis=0).tolist() for k in _OF_FEET},
+        **{name: np.mean([f[name] for f in rows], axis=0).tolist() for name in _OF_FEET},
         "feet_disagree_rms_m": float(np.mean([f["feet_disagree_rms_m"] for f in rows])),
         "apart_sd_mean_m": float(np.mean([f["apart_sd_mean_m"] for f in rows])),
         "sd_max_m": max(f["sd_max_m"] for f in rows),

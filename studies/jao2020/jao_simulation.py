@@ -41,15 +41,16 @@ from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Block, Imu, Range
 from stridetwin.studies.case import ExperimentCase
 from stridetwin.studies.placement.visibility import is_in_image
-from stridetwin.studies.result import Collected, Figures, Result
+from stridetwin.studies.result import Collected, Figures, LabelledFigures, Result
 from stridetwin.studies.tables import table_lines
 
 ESTIMATORS = ("foot_to_foot",)
 """Estimators whose parameters `--set` changes here."""
 
 FEET = ("l", "r")
+# methods of the filter in the table: the published ones, then ours
 REPORTED_METHODS = ("zupt", "zupt_relative_distance", "zupt_relative_position", "proposed")
-STRIDE_M, STRIDE_S, STRIDES = 1.54, 1.07, 100
+STRIDE_M, STRIDE_S, STRIDES = 1.54, 1.07, 100  # length and duration of a stride of one foot; strides of each foot
 _SWING_SHARE = 0.55  # of a stride's duration
 _SEPARATION_M = 0.20  # from the right foot's line to the left's
 _STAND_S = 0.15  # before the left foot starts, and after the right one has landed
@@ -206,7 +207,7 @@ class JaoSimulation:
         t_sonar = np.arange(1, math.floor(walk.duration_s * 25.0)) * 40_000_000
         mounts = {f: self.rig.others[f"/foot_{f}/sonar"].mount.T_body_sensor for f in FEET}
         left, right = (walk.foot(f, t_sonar).to_sensor(mounts[f]).p_body_in_world for f in FEET)
-        self._echoes = t_sonar, np.linalg.norm(left - right, axis=1)
+        self._echoes = t_sonar, np.linalg.norm(left - right, axis=1)  # the same range for both sonars
 
     def start(self) -> dict[str, StartPose]:
         """The true pose of each foot's IMU at the first instant."""
@@ -286,17 +287,21 @@ class JaoSimulation:
             (2,) m for each foot alone, and m for both coupled, whose heading errors are averaged.
         """
         dt = np.diff(self.t_ns)[:, None] * 1e-9
-        # by foot, (N,) steps to the north between samples, m, and (N,) heading errors, rad: sums of the noise about the
-        # vertical
-        walked = [np.diff(self.imus[f].p_body_in_world[:, 0]) for f in FEET]
+        # of each foot, (N,) distances to the north between samples, m, and (N,) heading errors, rad: sums of the noise
+        # about the vertical
+        north_steps_m = [np.diff(self.imus[f].p_body_in_world[:, 0]) for f in FEET]
         headings = [np.cumsum(self.imus[f].rotation[1:].apply(noises[f] * dt)[:, 2]) for f in FEET]
-        alone = np.array([float(heading @ way) for heading, way in zip(headings, walked)])
-        return alone, float(np.mean(headings, axis=0) @ np.mean(walked, axis=0))
+        alone = np.array([float(heading @ way) for heading, way in zip(headings, north_steps_m)])
+        return alone, float(np.mean(headings, axis=0) @ np.mean(north_steps_m, axis=0))
 
     def analytic_floor(self) -> tuple[float, float]:
-        """Mean end error, m, of one gyro alone and of two coupled ones: √(2/π) v σ √(T³/3), and that over √2."""
+        """Mean end error, m, of one gyro alone and of two coupled ones: √(2/π) v σ √(T³/3), and that over √2.
+
+        v is the mean speed, σ the density of the gyro's noise, and T the duration of all strides.
+        """
         strides, density = self.walk.strides, self.rig.imu("/foot_l/imu").gyroscope_noise_density
-        # v T = length of the walk; √(2/π) is the mean absolute value of a standard normal variable
+        # v σ √(T³/3) = v T σ √(T/3), where v T is the length of the walk; √(2/π) is the mean absolute value of a
+        # standard normal variable
         sd = STRIDE_M * strides * density * math.sqrt(strides * STRIDE_S / 3.0)
         one = math.sqrt(2.0 / math.pi) * sd
         return one, one / math.sqrt(2.0)
@@ -341,14 +346,25 @@ _simulation = cache(JaoSimulation)  # one simulation per motion, shared by all r
 
 
 class MethodEnds(TypedDict):
-    """End of one run by one method: error of left and right, (3,) north, west, up, and NEES."""
+    """End of one run by one method; lists are of the left and the right foot.
+
+    Attributes:
+        end_error_m: Estimated minus true position of each foot's IMU: north, west, up.
+        end_nees: NEES of each of these positions.
+    """
 
     end_error_m: list[list[float]]
     end_nees: list[float]
 
 
 class SeedRow(TypedDict):
-    """One run, see `run_seed`."""
+    """One run.
+
+    Attributes:
+        seed: Seed of the noise.
+        floor_m: End errors to the west that the gyros' noise causes: left alone, right alone, both coupled.
+        methods: What each method made of the run.
+    """
 
     seed: int
     floor_m: list[float]
@@ -356,13 +372,21 @@ class SeedRow(TypedDict):
 
 
 class SimulationRow(SeedRow):
-    """The row of a case, see `run_case`."""
+    """The row of a case.
+
+    Attributes:
+        unequal: What each method made of the same run with the g-sensitivities `UNEQUAL`.
+    """
 
     unequal: dict[str, MethodEnds]
 
 
 Summary = dict[str, dict[str, float | list[float]]]
-"""Figures by name, each by method; pairs are left and right."""
+"""Figures by name, each by method; only `_FLOOR` is by kind of gyro error, such as `one_gyro_drawn`.
+
+Pairs are left and right; `end_position_sd_m` has two axes of each.
+"""
+_FLOOR = "random_walk_floor_m"  # error that the gyros' noise alone causes
 
 
 def run_case(case: ExperimentCase) -> Row:
@@ -397,8 +421,9 @@ def run_seed(
             earth_rate_in_world=EARTH_RATE_IN_WORLD,
             **parameter_keywords(FootToFoot, method),
         )
-        # `errors` and `nees` at the end: left, then right
-        paths, errors, nees = estimator.run(blocks, aiding_measurements), [], []
+        paths = estimator.run(blocks, aiding_measurements)  # by foot
+        errors: list[list[float]] = []  # at the end, of left and right
+        nees: list[float] = []
         for foot in FEET:
             covariance = paths[foot].trajectory.covariance
             assert covariance is not None
@@ -413,13 +438,13 @@ def collect(results: Sequence[SimulationRow]) -> Collected[Summary, Figures]:
     """Summary of all runs, with the paper's figures; errors in m, left and right."""
     methods = results[0]["methods"]
     one, two = _simulation(SteadyWalk()).analytic_floor()
-    # (runs, 3): left alone, right alone, both coupled
+    # (runs, 3) m, absolute errors by the noise drawn in each run: left alone, right alone, both coupled
     drawn = np.abs([r["floor_m"] for r in results])
     unequal = _end_error_figures([r["unequal"] for r in results])
     summary: Summary = {
         **_end_error_figures([r["methods"] for r in results]),
         "nees_position_mean": {m: float(np.mean([r["methods"][m]["end_nees"] for r in results])) for m in methods},
-        "random_walk_floor_m": {
+        _FLOOR: {
             "one_gyro_analytic": one,
             "one_gyro_drawn": float(drawn[:, :2].mean()),
             "two_gyros_analytic": two,
@@ -447,6 +472,7 @@ def _end_error_figures(runs: Sequence[dict[str, MethodEnds]]) -> Summary:
         ddof = min(1, len(errors) - 1)  # 0 with a single run, whose standard deviation is 0
         figures = {
             "mean_end_error_m": np.linalg.norm(errors[:, :, :2], axis=2).mean(axis=0),
+            # west (axis 1), then north (axis 0), as in the paper
             "end_position_sd_m": np.array([errors[:, f, axis].std(ddof=ddof) for f in range(2) for axis in (1, 0)]),
             "mean_west_error_m": errors[:, :, 1].mean(axis=0),
             "mean_abs_north_error_m": np.abs(errors[:, :, 0]).mean(axis=0),
@@ -467,11 +493,12 @@ _COLUMNS = (
 
 
 def table(result: Result[Summary, EndErrors, SimulationRow]) -> list[str]:
-    """Our figures beside the paper's, as lines of text; pairs are left and right."""
+    """Our figures beside the paper's as lines of text: one per method, then one per floor; pairs are left and right."""
     summary, paper_errors = result["summary"], result["paper"]["mean_end_error_m"]
-    rows = [
-        (m, {**{name: by_method.get(m, "") for name, by_method in summary.items()}, "paper": paper_errors.get(m, "")})
-        for m in REPORTED_METHODS
-    ]
-    floors = [f"floor, {name:<17}{value:9.3f}" for name, value in summary["random_walk_floor_m"].items()]
+    rows: list[LabelledFigures] = []
+    for method in REPORTED_METHODS:
+        # from figures by method to the figures of this one; the floor is of no method
+        ours = {name: by_method.get(method, "") for name, by_method in summary.items() if name != _FLOOR}
+        rows.append((method, {**ours, "paper": paper_errors.get(method, "")}))
+    floors = [f"floor, {name:<17}{value:9.3f}" for name, value in summary[_FLOOR].items()]
     return [f"{len(result['cases'])} runs; m", *table_lines(_COLUMNS, rows, 24), *floors]

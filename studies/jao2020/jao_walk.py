@@ -36,16 +36,17 @@ CASES = {
     "clipped": "ADIS16485, gyros saturate at 450 °/s",
     "half_blind": "gyros without saturation, no image in every second step",
 }
+"""Cases of each walk, with their titles in the table."""
 
 
 MethodFigures = dict[str, float | list[float]]
 """A figure by method; two numbers are of the left and the right foot, four of left y, left x, right y, right x."""
 Summary = dict[str, MethodFigures | int]
-"""Figures by name, each by method, and the number of walks that fell."""
+"""Figures by name, each by method; and `walks_that_fell`, the number of walks that ended by a fall."""
 
 
 class CaseScores(TypedDict):
-    """Scores of every method in one of `CASES`, and the number of board observations."""
+    """Scores of every method in one of `CASES`, and the number of board observations (`sightings`)."""
 
     zupt: FootScores
     zupt_relative_distance: FootScores
@@ -74,7 +75,7 @@ def run_case(case: ExperimentCase) -> Row:
         start = true_start(truth)
         figures_of_case: dict[str, Figures] = {}
         for name in CASES:
-            wide = name != "clipped"  # gyros without saturation
+            wide = name != "clipped"  # takes the gyros without saturation
             samples = walk.samples(wide=wide)
             if name == "half_blind":
                 samples = without_every_second_step(samples, touch_down_times_ns(walk))
@@ -92,7 +93,7 @@ def touch_down_times_ns(walk: RecordedWalk) -> Array:
 
 
 def without_every_second_step(samples: Iterable[Sample], touches: Array) -> Iterator[Sample]:
-    """Samples without the images between a touch-down and the next one, for every second pair of touch-downs.
+    """Samples without the images of every second step: touch-down 1 to 2, 3 to 4, and so on.
 
     Args:
         samples: In time order.
@@ -197,6 +198,7 @@ def table(result: Result[Summary, EndErrors, WalkRow]) -> list[str]:
             "nees": _by_method(summary, f"end_nees{suffix}_mean"),
             "paper": {} if case == "half_blind" else paper_errors,  # the paper has no such case
         }
+        # from columns by method to a row of all columns for each method
         rows = [(m, {name: by_method.get(m, "") for name, by_method in columns.items()}) for m in COMPARED_METHODS]
         lines += ["", description, *table_lines(_COLUMNS, rows, 24)]
     return lines

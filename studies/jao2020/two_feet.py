@@ -25,8 +25,10 @@ from stridetwin.streams.samples import Array, Block, Image, Imu, Range, Sample
 FEET = ("l", "r")
 MethodName = Literal["zupt", "zupt_relative_distance", "zupt_relative_position", "proposed"]
 PUBLISHED: tuple[MethodName, ...] = ("zupt", "zupt_relative_distance", "zupt_relative_position")
+"""Methods of Jao, Wang and Shkel 2020."""
 COMPARED_METHODS: tuple[MethodName, ...] = (*PUBLISHED, "proposed")
-_NOT_ALIGNED = Rigid(R=np.eye(3), t=np.zeros(3))
+"""Theirs, then ours."""
+_NOT_ALIGNED = Rigid(R=np.eye(3), t=np.zeros(3))  # leaves a path as it is
 _ROTATION_SD_RAD = 0.1  # rad that a foot may rotate between an image and the estimate that follows it
 
 FootPaths = dict[str, FootInsPath]
@@ -41,7 +43,7 @@ class MeasurementRecorder(FootToFoot):
         start: Pose of each foot's IMU at its first sample.
 
     Attributes:
-        relative: Relative positions so far.
+        relative: Relative positions of the feet so far, as the published filter takes them.
         observations: Number of board observations.
     """
 
@@ -101,8 +103,9 @@ def run_every_method(
     Returns:
         Paths by method and foot, and the number of board observations.
     """
-    # our method runs first and records what the published ones get: relative positions, and sonar ranges (`echoes`)
-    recorder, echoes = MeasurementRecorder(rig, start), list[Range]()
+    # our method runs first; meanwhile what the published ones get is recorded: relative positions and sonar ranges
+    recorder = MeasurementRecorder(rig, start)
+    echoes: list[Range] = []
     proposed = follow(recorder, _record_echoes(samples, echoes))
     paths: dict[str, FootPaths] = {
         method: FootToFoot(
@@ -114,7 +117,7 @@ def run_every_method(
 
 
 def _record_echoes(samples: Iterable[Sample], echoes: list[Range]) -> Iterator[Sample]:
-    """Passes on the samples and records their sonar ranges."""
+    """Passes on the samples, and adds their sonar ranges to `echoes`."""
     for sample in samples:
         if isinstance(sample, Range):
             echoes.append(sample)
@@ -122,7 +125,10 @@ def _record_echoes(samples: Iterable[Sample], echoes: list[Range]) -> Iterator[S
 
 
 class FootScores(TypedDict):
-    """Scores of the paths of both feet, see `score_paths`; lists are left and right."""
+    """Scores of the paths of both feet, see `score_paths` for each of them; lists are of left and right.
+
+    The errors in `end_error_m` are lists themselves: x, y, z of the world.
+    """
 
     end_error_m: list[list[float]]
     end_error_pct: list[float]
@@ -162,13 +168,14 @@ def score_paths(paths: FootPaths, truth: Mapping[str, TruePath]) -> FootScores:
         "feet_disagree_max_m": float(apart_m.max()),
     }
     for foot, compared in in_world.items():
-        # (K,) NEES of the position along the path, and (3,) error at its end
-        nees, end_m = nees_position(compared), compared.error_m[-1]
+        nees = nees_position(compared)  # (K,) NEES of the position along the path
+        end_m = compared.error_m[-1]  # (3,) error at its end
         # horizontal distance that the foot has walked
-        ahead_m = np.linalg.norm(np.diff(compared.truth.p_frame_in_world[:, :2], axis=0), axis=1).sum()
-        t_ns, last_ns = truth[foot].t_ns, compared.truth.t_ns[-1]  # stamps of the truth; that of the last estimate
+        walked_m = np.linalg.norm(np.diff(compared.truth.p_frame_in_world[:, :2], axis=0), axis=1).sum()
+        t_ns = truth[foot].t_ns  # stamps of the whole truth
+        last_ns = compared.truth.t_ns[-1]  # stamp of the last estimate
         scores["end_error_m"].append(end_m.tolist())
-        scores["end_error_pct"].append(100.0 * float(np.linalg.norm(end_m[:2]) / ahead_m))
+        scores["end_error_pct"].append(100.0 * float(np.linalg.norm(end_m[:2]) / walked_m))
         scores["end_nees"].append(float(nees[-1]))
         scores["nees_mean"].append(float(nees.mean()))
         # up to the 95 % quantile of the chi-squared distribution with three degrees of freedom

@@ -85,7 +85,8 @@ def body_map(problem: PlacementProblem, folder: Path, searched: MeasuredPlaces, 
     name, sign = "weighted sum", 1.0
     weighing = [score for score in problem.scores if score.weight]
     if len(weighing) == 1 and weighing[0].weight == 1:
-        name, sign = weighing[0].name, -1.0 if weighing[0].higher_is_better else 1.0
+        name = weighing[0].name
+        sign = -1.0 if weighing[0].higher_is_better else 1.0
     config = scenario_at(problem, problem.bases[0], best, folder).config
     bodies = sorted({dot.body for dot in dots})
     span = min(d.loss for d in dots), max(d.loss for d in dots)
@@ -143,11 +144,11 @@ def _collect_dots(problem: PlacementProblem, folder: Path, searched: MeasuredPla
                 (positions, position_dot),
                 (directions, replace(position_dot, p_in_body=p + _RAY_M * ahead, origin=p)),
             ):
-                at = name, dot.body, json.dumps(np.round(dot.p_in_body, 4).tolist())
-                if at not in best or loss < best[at].loss:
-                    best[at] = dot
-    # by name of the sensor, the numbers of its positions and of its viewing directions
-    moved, turned = (Counter(name for name, *_ in dots) for dots in (positions, directions))
+                key_of_dot = name, dot.body, json.dumps(np.round(dot.p_in_body, 4).tolist())
+                if key_of_dot not in best or loss < best[key_of_dot].loss:
+                    best[key_of_dot] = dot
+    # by name of the sensor, how many positions and how many viewing directions it has
+    moved, turned = (Counter(name for name, *_ in dot_by_key) for dot_by_key in (positions, directions))
     dots = [dot for (name, *_), dot in positions.items() if moved[name] > 1]
     dots += [dot for (name, *_), dot in directions.items() if moved[name] == 1 < turned[name]]
     return sorted(dots, key=lambda dot: -dot.loss)
@@ -156,7 +157,7 @@ def _collect_dots(problem: PlacementProblem, folder: Path, searched: MeasuredPla
 def _list_mounts(config: TwinConfig) -> Iterator[tuple[str, Mount, bool]]:
     """Yields name and mount of each sensor on the left side or in the middle of the body, and whether it is a board.
 
-    The right side mirrors the left one, so its sensors are left out.
+    The right side mirrors the left one, so its sensors are left out; so are sensors on the exoskeleton.
     """
     rig = sensor_rig(config).rig
     # an IMU inside a depth camera has no mark of its own
@@ -189,22 +190,15 @@ def _draw_panel(
     posed_body = data.body(body)
     rotation = posed_body.xmat.reshape(3, 3)  # from the body's axes to the world's
     points = np.array([d.p_in_body for d in dots]) @ rotation.T + posed_body.xpos  # (N, 3) m in the world
-    middle = (points.max(axis=0) + points.min(axis=0)) / 2
     # (3,) m, middle of the body's shapes
     shape_positions = [shape.p for shape in find_shapes(model, {model.body(body).id})]
     body_middle = posed_body.xpos + rotation @ np.mean(shape_positions, axis=0)
-    # (2,) the horizontal direction from there to the dots: the camera looks against it
-    out = (points - body_middle).mean(axis=0)[:2]
-    azimuth, elevation = math.degrees(math.atan2(-out[1], -out[0])) + view_deg[0], view_deg[1]
-    # between the dots and the body, at the dots' height
-    lookat = (middle + np.array([*body_middle[:2], middle[2]])) / 2
-    # half of what the picture shows, m, and tangent of half the angle of view; their ratio is the camera's distance
-    reach = max(float(np.linalg.norm(points - lookat, axis=1).max()), _LEAST_M / _MARGIN) * _MARGIN
-    slope = math.tan(math.radians(model.vis.global_.fovy / 2))
-    view = lookat, azimuth, elevation, reach / slope
+    slope = math.tan(math.radians(model.vis.global_.fovy / 2))  # tangent of half the angle of view
+    view = _aim_camera(points, body_middle, view_deg, slope)
     with FilmCamera(model, _SIZE, _SIZE) as camera:
-        image: Rgb = np.ascontiguousarray(camera.frame(data, *view)[..., ::-1])
-    # (N, 2) pixels of the dots, and of the sensors from which lines lead to dots of viewing directions
+        image: Rgb = np.ascontiguousarray(camera.frame(data, *view)[..., ::-1])  # blue, green, red, as OpenCV draws
+    # (N, 2) pixels of the dots, and of the sensors from which lines lead to dots of viewing directions; a dot at a
+    # position is its own sensor
     uv = _pixels(points, *view, _SIZE / 2 / slope)
     eyes = np.array([d.p_in_body if d.origin is None else d.origin for d in dots])
     from_uv = _pixels(eyes @ rotation.T + posed_body.xpos, *view, _SIZE / 2 / slope)
@@ -219,10 +213,36 @@ def _draw_panel(
     return image
 
 
+def _aim_camera(
+    points: Array, body_middle: Array, view_deg: tuple[float, float], slope: float
+) -> tuple[Array, float, float, float]:
+    """Aims a camera at dots with the body behind them, from so far that all dots are in the picture.
+
+    Args:
+        points: (N, 3) m, the dots in the world.
+        body_middle: (3,) m, middle of the body.
+        view_deg: Azimuth relative to the side of the dots, and elevation.
+        slope: Tangent of half the angle of view.
+
+    Returns:
+        (3,) m, the point that the camera looks at; azimuth and elevation of its viewing direction, deg; and its
+        distance from that point, m.
+    """
+    middle = (points.max(axis=0) + points.min(axis=0)) / 2  # of the dots
+    # (2,) the horizontal direction from the body to the dots: the camera looks against it
+    out = (points - body_middle).mean(axis=0)[:2]
+    azimuth, elevation = math.degrees(math.atan2(-out[1], -out[0])) + view_deg[0], view_deg[1]
+    # between the dots and the body, at the dots' height
+    lookat = (middle + np.array([*body_middle[:2], middle[2]])) / 2
+    # half of what the picture shows, m: the farthest dot with a margin, but at least `_LEAST_M`
+    reach = max(float(np.linalg.norm(points - lookat, axis=1).max()), _LEAST_M / _MARGIN) * _MARGIN
+    return lookat, azimuth, elevation, reach / slope
+
+
 def _pose_standing(config: TwinConfig, body: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """The wearer with straight legs and sensors; all but one body and its parts are translucent."""
     spec = mujoco.MjSpec()
-    spec.add_texture(
+    spec.add_texture(  # a white background
         name="paper",
         type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
         builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
@@ -274,7 +294,7 @@ def _pixels(points: Array, lookat: Array, azimuth: float, elevation: float, dist
     ahead = np.array([math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)])
     right = np.array([math.sin(a), -math.cos(a), 0.0])
     up = np.cross(right, ahead)
-    away = points - (lookat - distance * ahead)
+    away = points - (lookat - distance * ahead)  # (N, 3) m from the camera to the points
     return np.asarray(_SIZE / 2 + focal * np.column_stack([away @ right, -(away @ up)]) / (away @ ahead)[:, None])
 
 

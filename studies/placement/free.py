@@ -45,7 +45,7 @@ def point_on_surface(surface: str, person: Person, around_rad: float, up_m: floa
         StrideTwinError: There is no surface at that height.
     """
     out = np.array([math.cos(around_rad), math.sin(around_rad), 0.0])
-    # a ray from outside towards the axis meets the surface first; `away` is the distance until then, infinite for none
+    # a ray from outside towards the axis meets the surface at the distance `away`, infinite if it meets none
     origin = _OUTSIDE_M * out + [0.0, 0.0, up_m]
     away = min(shape.ray_distance(origin, -out) for shape in _shapes_of_surface(surface, person))
     if not math.isfinite(away) or away > _OUTSIDE_M:  # beyond the axis is the other side of the body
@@ -79,9 +79,10 @@ class Knob:
 
     Attributes:
         name: In tables.
-        low, high: Bounds of a number.
+        low: Lower bound of a number.
+        high: Upper bound of a number.
         step: Of a number: only low, low + step, ...; None for any.
-        values: One of these instead; none where it is a number.
+        values: The values of a choice; empty for a number.
         at: Its position in the file.
     """
 
@@ -94,7 +95,7 @@ class Knob:
 
     @property
     def grid(self) -> list[object]:
-        """Every value of a sweep.
+        """Every value of a sweep: those of a choice, else the numbers.
 
         Raises:
             ConfigError: A number without steps, or with very many.
@@ -155,8 +156,9 @@ class FreeField:
     Attributes:
         paths: Its fields in the scenario, one or several.
         knobs: Its scalars.
-        surface: Name of the surface of a position on one; the knobs' names then end in its coordinates.
-        fixed: Coordinates on the surface that are not free.
+        surface: Name of the surface (`SURFACES`) on which the field is a position; None for any other field. The knobs'
+            names then end in the coordinates, such as `/up_mm`.
+        fixed: Coordinates on the surface that are not free, by name.
         at: Its position in the file.
     """
 
@@ -208,7 +210,7 @@ class Between(FileModel):
 
     Attributes:
         between: Lowest and highest.
-        step: Only the lowest and its multiples above it; any number where it is missing.
+        step: Only the lowest and multiples of the step above it; any number where it is missing.
     """
 
     between: Annotated[tuple[_Number, _Number], AfterValidator(_check_order)]
@@ -288,12 +290,13 @@ def free_field(paths: tuple[FieldPath, ...], spec: Between | Among | Over, at: F
     place = {key: getattr(spec, key) for key in _COORDINATES}
     free = {key: value for key, value in place.items() if isinstance(value, Between)}
     knobs = tuple(_knob_between(f"{name}/{key}", value, at.key(key)) for key, value in free.items())
+    # `off_mm` is here in every case; where it is free, the chosen value replaces it in `FreeField.value`
     fixed = {"off_mm": 0.0} | {key: value for key, value in place.items() if key not in free}
     return FreeField(paths=paths, knobs=knobs, surface=spec.over, fixed=fixed, at=at)
 
 
 def _knob_between(name: str, spec: Between, at: FieldLocation) -> Knob:
-    """A knob for a number between bounds.
+    """The knob of a number between bounds.
 
     Args:
         name: Its name in tables.

@@ -40,7 +40,8 @@ _SENSORS_ALONE = ("sensors", "camera_mount", "faults", "ideal_sensors")
 _MAX_PLACES = 200  # that are measured before the next ones are read
 _MAX_GROUP = 25  # places that one worker scores on a walk in one go
 _MAX_POSED_WALKS = 64  # that a process holds in memory, some 20 MB each
-_MANY_RECORDED, _MANY_POSED = 500, 50_000  # walks that are announced beforehand: some seconds, some 15 ms each
+# from how many walks on a warning comes first: recorded ones take some seconds each, posed ones some 15 ms
+_MANY_RECORDED, _MANY_POSED = 500, 50_000
 
 
 def placement_forecast(problem: PlacementProblem, measured: int) -> Forecast:
@@ -50,7 +51,7 @@ def placement_forecast(problem: PlacementProblem, measured: int) -> Forecast:
         problem: The placement.
         measured: Number of walks with a row.
     """
-    # the unchanged place, and those of the sweep or the search
+    # 1 for the unchanged place, and those of the sweep or the search
     places = 1 + (grid_size(problem.knobs) if problem.search is None else problem.search.budget)
     walks = len(problem.bases) * len(problem.seeds)
     missing = max(places * walks - measured, 0)
@@ -66,7 +67,7 @@ class Visit:
     """One place on one walk, which is simulated and scored together.
 
     Attributes:
-        at: Numbers of the place and of the walk.
+        at: Number of the place, and number of the walk among those of the place.
         seed: Seed of the walk.
         scenario: The scenario with the place.
         needed: The same with no other sensors than those that the scored estimators read.
@@ -145,7 +146,7 @@ def score_posed(names: Sequence[str], seeing: Seeing, run: str, visit: Visit) ->
 
 
 _posed_walks: dict[tuple[str, str], PosedWalk | str] = {}
-"""The walks of one run, or the messages of infeasible ones, by the run's and the walk's names."""
+"""The walks of one run, or the messages of infeasible ones, by the run's name and the walk's digest."""
 
 
 def _plan_walk_once(run: str, visit: Visit) -> PosedWalk:
@@ -212,7 +213,8 @@ class MeasuredPlaces:
     def part(self, numbers: Sequence[int]) -> MeasuredPlaces:
         """The places of some numbers, in this order; they are numbered anew, from 0."""
         failed = {new: self.failed[old] for new, old in enumerate(numbers) if old in self.failed}
-        places, values = [self.places[i] for i in numbers], self.values[numbers]
+        places = [self.places[i] for i in numbers]
+        values = self.values[numbers]
         return MeasuredPlaces(scores=self.scores, places=places, walks=self.walks, values=values, failed=failed)
 
 
@@ -240,9 +242,9 @@ class Measure:
     ) -> None:
         self._problem, self._folder, self._rows = problem, folder.absolute(), rows
         self._executor, self._progress = executor, progress
-        self._names = tuple(s.name for s in problem.scores if s.geometric)  # geometric scores
+        self._geometric_names = tuple(s.name for s in problem.scores if s.geometric)
         names = [s.name for s in problem.scores if not s.geometric]
-        self._estimators = estimators_of(names, f"{problem.path}: scores")
+        self._estimators = estimators_of(names, f"{problem.path}: scores")  # that give the other scores
         self._forecast = placement_forecast(problem, len(rows))
         self._run_name = uuid4().hex  # names this run for the workers' memory of walks
         self._is_checked = False  # whether the first rows have shown that the estimators report all scores
@@ -257,7 +259,7 @@ class Measure:
             stage: What is measured, for progress.
 
         Raises:
-            ConfigError: No walk has a score of the problem.
+            ConfigError: On every walk of the first place, an estimator reports scores, but not one that is asked for.
             StrideTwinError: An error that affects all walks.
         """
         scores = self._problem.scores
@@ -316,8 +318,9 @@ class Measure:
         """
         none: list[PlaceRow] = [{}] * len(visits)  # where scores of one of the two sorts are not asked for
         # rows with geometric scores, and rows with those of estimators
-        posed = self._score_posed(visits, progress) if self._names else none
+        posed = self._score_posed(visits, progress) if self._geometric_names else none
         recorded = self._score_recordings(visits, walks, progress) if self._estimators else none
+        # one row for each visit, with the reasons of both
         return [{**a, **b, "failed": a.get("failed", {}) | b.get("failed", {})} for a, b in zip(posed, recorded)]
 
     def _score_posed(self, visits: list[Visit], progress: Callable[[float], None]) -> list[PlaceRow]:
@@ -329,15 +332,16 @@ class Measure:
         """
         versions = partial(code_versions, visibility.__name__)
         seeing, sources = self._problem.seeing, versions()["sources"]
-        jobs, counts = [], Counter[str]()  # number of visits of each walk so far
+        jobs = []
+        counts: Counter[str] = Counter()  # number of visits of each walk so far
         for visit in visits:
             config = repr(visit.scenario.config)
-            key = content_key("geometric", config, visit.seed, self._names, vars(seeing), sources)
+            key = content_key("geometric", config, visit.seed, self._geometric_names, vars(seeing), sources)
             # visits of one walk run together, so that its plan is made once, at most `_MAX_GROUP` in a group
             group = f"{visit.walk} {counts[visit.walk] // _MAX_GROUP}"
             counts[visit.walk] += 1
             jobs.append(Job(name=visit.label, key=key, task=visit, group=group))
-        score = partial(score_posed, self._names, seeing, self._run_name)
+        score = partial(score_posed, self._geometric_names, seeing, self._run_name)
         return self._run(jobs, Work(run=one_by_one(score), versions=versions), progress)
 
     def _score_recordings(self, visits: list[Visit], walks: int, progress: Callable[[float], None]) -> list[PlaceRow]:
@@ -355,10 +359,10 @@ class Measure:
             jobs.append(Job(name=visit.label, key=key, task=visit))
         work = Work(run=one_by_one(partial(score_recording, self._folder, self._estimators)), versions=versions)
         if jobs and not self._is_checked:
-            share = walks / len(jobs)  # of the work that the first place is
+            share = walks / len(jobs)  # share of the work that the walks of the first place are
             self._check_scores(self._run(jobs[:walks], work, lambda done: progress(share * done)))
             self._is_checked = True
-        return self._run(jobs, work, progress)
+        return self._run(jobs, work, progress)  # the rows of the first place are stored by now, and reused
 
     def _run(
         self, jobs: Sequence[Job[Visit]], work: Work[Visit, PlaceRow], progress: Callable[[float], None]

@@ -99,10 +99,12 @@ def _value_map(problem: PlacementProblem, searched: MeasuredPlaces) -> str:
     "" for a search, which has no grid of values, for a placement with fewer than two numbers, and without a scored
     place.
     """
-    numbers, places = [knob for knob in problem.knobs if not knob.values], _find_scored(searched)
+    numbers = [knob for knob in problem.knobs if not knob.values]  # knobs that are numbers
+    places = _find_scored(searched)
     if problem.search is not None or len(numbers) < 2 or not places:
         return ""
-    (across, up), k = numbers[:2], _first_weighted(problem)
+    across, up = numbers[:2]  # the knobs along x and y
+    k = _first_weighted(problem)
     xs, ys = across.numbers, up.numbers
     # score of the best place with each pair of values; NaN where no place has a score
     best = np.full((len(ys), len(xs)), np.nan)
@@ -176,10 +178,11 @@ def _draw_over_numbers(knob: Knob, searched: MeasuredPlaces, numbers: list[int],
         k: Number of the score.
     """
     shown = numbers[:_MOST_DOTS]
-    x, means = [to_number(searched.places[i].values[knob.name]) for i in shown], searched.means[shown, k]
+    x = [to_number(searched.places[i].values[knob.name]) for i in shown]
+    means = searched.means[shown, k]
     plot = Plot(title=knob.name, x_label=knob.name, y_label=searched.scores[k].name)
     plot.dots(x, means, _DOT, size=_dot_px(len(x)), label="place")
-    # the first place is the best one
+    # the first of them is the best place
     plot.dots(x[:1], means[:1], _BEST, size=9, label=_best_label(searched))
     if np.isfinite(searched.losses[0]):  # of the unchanged scenario
         plot.line([min(x), max(x)], 2 * [searched.means[0, k]], _AS_IT_IS, width=1.2, label="unchanged")
@@ -203,11 +206,12 @@ def _draw_fronts(searched: MeasuredPlaces) -> list[Markup]:
     """
     plots = []
     for k in range(1, len(searched.scores)):
-        scores, (x, y) = [searched.scores[i] for i in (0, k)], searched.means[:, [0, k]].T
+        scores = [searched.scores[i] for i in (0, k)]
+        x, y = searched.means[:, [0, k]].T  # (P,) means of the first and of the k-th score, NaN where one is missing
         has_both = np.isfinite(x) & np.isfinite(y)
         if not has_both.any() or not (np.ptp(x[has_both]) and np.ptp(y[has_both])):  # `ptp`: largest minus smallest
             continue
-        # (P, 2), and the numbers of the places on the front in the order of the first score
+        # (P, 2) losses, and the numbers of the places on the front in the order of the first score
         losses = np.column_stack([score.losses(side) for score, side in zip(scores, (x, y))])
         best = sorted(pareto_front(np.where(has_both[:, None], losses, np.inf)), key=lambda i: x[i])
         # numbers of the places that are drawn

@@ -168,7 +168,7 @@ def read_problem(path: Path) -> PlacementProblem:
     where = FieldLocation(source=str(path))
     data = read_yaml(path, most_values=LARGEST_FILE_VALUES)
     file = validate(PlacementFile, data, path)
-    assert isinstance(data, dict)  # as it is valid
+    assert isinstance(data, dict)  # it has been validated
     files = NamedFiles(path, "the placement's folder")
     bases = files.bases(file.scenarios, data["scenarios"], where.key("scenarios"))
     common = files.variables(file.set, where.key("set"))  # values that all scenarios share
@@ -185,7 +185,7 @@ def read_problem(path: Path) -> PlacementProblem:
         ),
         # these keys have the names of the attributes
         **{name: getattr(file, name) for name in ("scores", "seeds", "seeing", "confirm")},
-        search=file.method,
+        search=file.method,  # None for a sweep
         user_files=files.user_files,
     )
     names = [knob.name for knob in problem.knobs]
@@ -236,7 +236,11 @@ def _read_free_field(files: NamedFiles, name: str, spec: Between | Among | Over,
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """A place: the values of all knobs by their names; none for the unchanged scenario."""
+    """A place.
+
+    Attributes:
+        values: Values of all knobs by their names; empty for the unchanged scenario.
+    """
 
     values: Mapping[str, object] = field(default_factory=dict)
 

@@ -7,7 +7,7 @@ from typing import NotRequired, TypedDict
 from stridetwin.studies.significance import IntervalRow, Sentences
 
 PlaceValues = dict[str, object]
-"""Value of each free field by name, a number or one of the choices; empty for the unchanged scenario."""
+"""Value of each knob by name, a number or one of the choices; empty for the unchanged scenario."""
 
 
 class ScoreInResult(TypedDict):
@@ -19,7 +19,15 @@ class ScoreInResult(TypedDict):
 
 
 class PlaceInTable(TypedDict):
-    """A place of the table: rank, name, values, and each score with its 95 % interval; `failed` is a reason."""
+    """A place of the table.
+
+    Attributes:
+        rank: Its rank, from 1.
+        label: Its name: its values as text, or `as it is`.
+        values: Its values.
+        scores: By name, each score's mean over the walks with its 95 % interval; missing ones are left out.
+        failed: Reason for a missing score.
+    """
 
     rank: int
     label: str
@@ -29,7 +37,17 @@ class PlaceInTable(TypedDict):
 
 
 class PlacesCompared(TypedDict):
-    """The difference of two places by rank, with its 95 % interval and p-value."""
+    """The difference of two places, over the walks of the table.
+
+    Attributes:
+        first: Rank of the first place, from 1.
+        second: Rank of the second one.
+        difference: Mean loss of the second place minus that of the first.
+        low: Lower end of its 95 % interval; None with one or two walks.
+        high: Upper end.
+        p: p-value, corrected for the number of pairs.
+        significant: Whether the difference is significant.
+    """
 
     first: int
     second: int
@@ -48,7 +66,11 @@ class BestPlace(TypedDict):
 
 
 class ParetoPlace(BestPlace):
-    """A Pareto-optimal place with its mean scores."""
+    """A Pareto-optimal place.
+
+    Attributes:
+        scores: By name, the mean of each score over the walks.
+    """
 
     scores: dict[str, float]
 
@@ -59,11 +81,11 @@ class PlacementResult(Sentences):
     Attributes:
         placement: What is placed, in one line.
         scores: The scores.
-        free: Names of the free fields.
+        free: Names of the knobs; a position on a surface has several.
         walks: Walks of the search.
         walks_of_table: Walks of the table, others with `confirm`.
         tried: Number of places besides the unchanged one.
-        failed: Number of places that failed somewhere.
+        failed: Number of places that lack a score on some walk, the unchanged one included.
         best: The best place.
         table: Some places, the best first.
         comparisons: Differences of the table's places.

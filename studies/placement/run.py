@@ -63,13 +63,14 @@ def run_placement(problem: PlacementProblem, options: PlacementOptions, progress
         progress: Receives the stage and its progress (0-1).
 
     Returns:
-        As JSON holds it: `placement`, `scores`, `walks`, `tried`, `table` (places with `label`, `values`, `scores`,
-        best first), `comparisons`, `words`, `pareto`, `files`. All places are in `places.csv`.
+        As JSON holds it (`PlacementResult`): above all `table` (places with `label`, `values` and `scores`, best first)
+        and `comparisons`, their differences. All places are in `places.csv`.
 
     Raises:
         StrideTwinError: Any usage error.
     """
-    problem, folder = options.of(problem), options.folder
+    problem = options.of(problem)  # with the seeds of the options
+    folder = options.folder
     with hold_folder(folder, (folder / ROWS).exists, _USED) as unfinished:
         _check_folder(folder, problem, options.resume)
         (folder / SCENARIOS).mkdir(exist_ok=True)
@@ -158,7 +159,7 @@ def _measure_finalists(problem: PlacementProblem, searched: MeasuredPlaces, meas
     if problem.confirm is not None:
         first = max(problem.seeds) + 1  # seeds that the search has not used
         final = measure(final.places, range(first, first + problem.confirm.walks), "confirm")
-    return final.part(final.best_first)
+    return final.part(final.best_first)  # on the walks of the table, the order may be another one
 
 
 def _distinct_best(problem: PlacementProblem, searched: MeasuredPlaces, count: int) -> list[int]:
@@ -173,8 +174,8 @@ def _distinct_best(problem: PlacementProblem, searched: MeasuredPlaces, count: i
     for i in searched.best_first:
         if len(numbers) == count or not np.isfinite(searched.losses[i]):  # places without a loss come last
             break
-        is_alike = (_are_alike(problem, searched.places[i], searched.places[better]) for better in numbers)
-        if problem.search is None or not any(is_alike):
+        place = searched.places[i]
+        if problem.search is None or not any(_are_alike(problem, place, searched.places[k]) for k in numbers):
             numbers.append(i)
     return numbers
 
@@ -217,9 +218,9 @@ def _make_result(problem: PlacementProblem, searched: MeasuredPlaces, final: Mea
         table.append(row)
     pairs = compare_places(final.losses_of_walks)
     labels = [place.label for place in final.places]
-    # what the sentences call the places
-    called = [f"{i} ({name})" if len(name) < _LONG else f"place {i}" for i, name in enumerate(labels, 1)]
-    # (P,) losses of all measured places by each score, for the Pareto front
+    # the place of each rank in the sentences: with its label, unless that is long
+    place_names = [f"{i} ({name})" if len(name) < _LONG else f"place {i}" for i, name in enumerate(labels, 1)]
+    # for each score, (P,) losses of all measured places, for the Pareto front
     losses = [mean_losses(score.losses(searched.values[..., s])) for s, score in enumerate(problem.scores)]
     best = pareto_front(np.column_stack(losses)) if len(names) > 1 else []
     return {
@@ -248,7 +249,7 @@ def _make_result(problem: PlacementProblem, searched: MeasuredPlaces, final: Mea
             }
             for p in pairs
         ],
-        "words": comparison_text(pairs, called, len(final.walks)),
+        "words": comparison_text(pairs, place_names, len(final.walks)),
         "pareto": [
             {
                 "label": searched.places[i].label,

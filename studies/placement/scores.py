@@ -35,7 +35,7 @@ class Seeing:
     Attributes:
         least_px: Edge of its squares in the image, at the board's centre, if it were seen face on.
         incidence_rad: Largest angle between its normal and the line of sight.
-        blur_squares: Largest displacement of its centre during the exposure, in squares; for `sharp`.
+        blur_squares: Largest displacement of its centre during the exposure, in squares; for `sharp_pct`.
     """
 
     least_px: Annotated[Number, Field(ge=0.1, le=1000)] = 4.0
@@ -113,7 +113,8 @@ class PlaceScore:
 
     def _scores_of_estimator(self, row: PlaceRow) -> list[Scores]:
         """Scores of each output of the score's estimator in a row: one, or one per foot; none if it has not run."""
-        name, outputs = self.name.partition(".")[0], row.get("estimators", {})
+        name = self.name.partition(".")[0]  # of the estimator
+        outputs = row.get("estimators", {})
         keys = [name] if name in outputs else [f"{name}_l", f"{name}_r"]
         return [outputs[key] for key in keys if key in outputs]
 

@@ -55,18 +55,18 @@ def optimise(
     # (starts, size) points of the unit cube, whose edges are the ranges of the numbers
     starts = quasi_random_points("sobol", _MORE_STARTS * options.starts, size, seed, (_KEY,))
     starts[0] = 0.5  # the first start is the middle of all ranges
-    # the budget of combination i is ends[i + 1] - ends[i]
+    # places are dealt out one after the other: combination i has those from ends[i] to ends[i + 1] as its budget
     ends = [options.budget * i // len(combinations) for i in range(len(combinations) + 1)]
     tried: dict[str, Place] = {}  # by `Place.key`
-    for at, (combination, share) in enumerate(zip(combinations, np.diff(ends).tolist())):
+    for number, (combination, budget_left) in enumerate(zip(combinations, np.diff(ends).tolist())):
         chosen = dict(zip((knob.name for knob in choices), combination))
         for k, start in enumerate(starts):  # the unused budget of a converged start goes to the next one
-            # `share`: what is left for this combination; `left`: what is left for this start
-            left = share // max(options.starts - k, 1)
-            share -= left
+            # what is left for the combination is shared by this start and the remaining ones of the requested number
+            left = budget_left // max(options.starts - k, 1)
+            budget_left -= left
             if not left:
                 continue
-            rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_KEY, at * len(starts) + k)))
+            rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_KEY, number * len(starts) + k)))
             cma_options = {
                 "bounds": [0.0, 1.0],
                 "seed": math.nan,  # leaves NumPy's global generator alone; `randn` below draws instead
@@ -88,7 +88,7 @@ def optimise(
                 if len(places) < len(points):
                     break  # the budget ends within a generation
                 search.tell(points, losses)
-            share += left  # what this start has not used
+            budget_left += left  # what this start has not used
     return list(tried.values())
 
 

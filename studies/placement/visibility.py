@@ -30,10 +30,10 @@ AHEAD_M, ASIDE_M = np.arange(0.5, 2.51, 0.25), (-0.25, 0.0, 0.25)
 NEAR_M = 0.03  # nearer points are not in an image
 _EVERY = 5  # every n-th instant is used where each needs hundreds of lines of sight
 _FAN = (16, 12)  # lines of sight across and down the image that find the walker's own body
-_ARM_M = 1.0  # depth at which they end
+_ARM_M = 1.0  # depth at which these lines end
 _SHORT_OF_M = 0.02  # a line of sight ends this far before the ground
 _CELLS = {"insole": 4, "interaction": 2}  # number of parts of a sensor
-_WITHIN = ("head_imu", "exo_imu", "actuator")  # inside other parts or the exoskeleton: they add no weight
+_WITHIN = ("head_imu", "exo_imu", "actuator")  # groups inside other parts or the exoskeleton: they add no weight
 
 Flags = NDArray[np.bool_]
 
@@ -68,7 +68,7 @@ def pose_walk(scenario: Scenario, seed: int) -> PosedWalk:
     bare = replace(scenario, config=replace(scenario.config, sensors=(), fittings={}, faults=()))
     twin = make_twin(bare, seed)
     steps = [step for side in SIDES for step in twin.walk.steps[side]]
-    # from the first toe-off to the last touch-down
+    # the instants lie between the first toe-off and the last touch-down
     offs = [step.t_off for step in steps if np.isfinite(step.t_off)]
     ends = [step.t_touch for step in steps if np.isfinite(step.t_touch)]
     t = np.arange(min(offs), min(max(ends), twin.duration_s), 1.0 / RATE_HZ)  # (N,) s
@@ -77,7 +77,8 @@ def pose_walk(scenario: Scenario, seed: int) -> PosedWalk:
     bodies = {name: motion.carrier(name) for name in motion.tracks}
     layout = twin.terrain.layout
     along_m = layout.way.project(bodies["pelvis"].p_body_in_world[:, :2])  # (N,) m along the route
-    # (N, A, 2): at each instant, every distance ahead on each of the lines beside the route
+    # at each of N instants, each of D distances ahead on each of the three lines beside the route: (N D, 3, 2), then
+    # (N, A, 2) with A = 3 D
     ahead = np.stack([layout.way.point((along_m[:, None] + AHEAD_M).ravel(), left) for left in ASIDE_M], axis=1)
     ahead = ahead.reshape(len(t), -1, 2)
     ground = np.concatenate([ahead, twin.terrain.height(ahead)[..., None]], axis=-1)
@@ -198,8 +199,8 @@ def measure_outlook(walk: PosedWalk, camera: CameraCalibration, range_m: tuple[f
         range_m: Nearest and farthest depth that it measures.
 
     Returns:
-        Share of the ground 0.5 to 2.5 m ahead on the route that is seen, and share of the image that the walker's body
-        fills, both 0-1 and means over the walk.
+        Share of the ground 0.5 to 2.5 m ahead on the route that is seen, and share of the image in which the walker's
+        body is nearer than `_ARM_M`, both 0-1 and means over the walk.
     """
     rows = np.arange(0, len(walk), _EVERY)  # (M,) numbers of the instants
     T = walk.bodies[camera.mount.body][rows].poses() @ camera.mount.T_body_sensor
@@ -214,7 +215,7 @@ def measure_outlook(walk: PosedWalk, camera: CameraCalibration, range_m: tuple[f
     u, v = np.meshgrid(*((np.arange(n) + 0.5) * size / n for n, size in zip(_FAN, (camera.width, camera.height))))
     fu, fv, pu, pv = camera.intrinsics
     rays = np.stack([(u - pu) / fu, (v - pv) / fv, np.ones_like(u)], axis=-1).reshape(-1, 3) * _ARM_M
-    fan = rays @ np.swapaxes(R, 1, 2) + eye[:, None]
+    fan = rays @ np.swapaxes(R, 1, 2) + eye[:, None]  # (M, K, 3) m, ends of the K lines of sight
     return float(seen.mean()), float(walk.limbs.occludes(rows, eye, fan).mean())
 
 
@@ -267,7 +268,7 @@ def _score_boards(sensor_rig: SensorRig, walk: PosedWalk, seeing: Seeing) -> dic
         if board is not None and isinstance(part, CameraPart):
             visibilities.append(see_board(walk, camera, board, part.imager.exposure_s, seeing))
     seen = np.array([s.seen for s in visibilities])  # (cameras, N)
-    # instants with a board in view, over both cameras
+    # instants with a board in view, counted for each camera
     in_view = sum(int(s.in_view.sum()) for s in visibilities)
     scores = {
         "visibility_pct": 100.0 * float(seen.any(axis=0).mean()),

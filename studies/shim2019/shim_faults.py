@@ -24,7 +24,11 @@ USUAL = "usual"
 
 
 class ShimFaultRow(FaultRow[list[StepRow]]):
-    """The row of a case: of each fault or manner the steps, and the number of estimated steps that did not happen."""
+    """The row of a case; `faults` has the rows of the steps by label of the fault, or by manner of walking.
+
+    Attributes:
+        false_steps: By the same labels, the number of estimated steps that did not happen.
+    """
 
     false_steps: dict[str, int]
 
@@ -48,7 +52,8 @@ def run_case(case: ExperimentCase) -> Row:
             plans = {manner: next(iter(plans.values()))}  # the file's first entry is without fault
         for label, plan in plans.items():
             # the geometry as measured, with the errors that faults add to the measurement
-            exo = nominal_geometry(twin.size, plan.rig, case.seed, [fault for fault, _ in plan.planned])
+            faults = [fault for fault, _ in plan.planned]  # without their events
+            exo = nominal_geometry(twin.size, plan.rig, case.seed, faults)
             estimator = ContactTerrain(plan.rig, exoskeleton=exo, **parameter_keywords(ContactTerrain, PROPOSED))
             estimates = estimator.run(plan.samples(samples))
             rows_of_fault.setdefault(label, []).extend(s.row() for s in score_steps(footprints, estimates))
@@ -60,6 +65,7 @@ def run_case(case: ExperimentCase) -> Row:
 
 def collect(results: list[ShimFaultRow]) -> Collected[dict[str, dict[str, float]], NoPaper]:
     """Summary by fault over the steps of all walks: errors, coverage, classes, and steps that did not happen."""
+    # `cases`: for one fault, the rows of the steps of each case
     collected = summarize_by_fault(
         results, lambda cases: _step_figures([ScoredStep(**row) for rows in cases for row in rows])
     )

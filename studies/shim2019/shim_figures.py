@@ -17,6 +17,7 @@ from stridetwin.sim.world.route import lay_out
 from stridetwin.studies.shim2019.shim_table5 import CASES, ShimResult, TrialRow, table
 
 SHOWN = {"shim_level": "Level walk", "shim_stairs": "Stair", "shim_ramp_14": "Ramp of 14°"}
+"""Walks of Figure 22 by the name of the scenario, with their titles."""
 DOTS = 150
 """Number of dots per mode in Figure 24, evenly chosen from all steps to limit the page's size."""
 # colours of the modes and of the methods
@@ -64,7 +65,7 @@ def _figure_23(cases: Sequence[TrialRow], quantity: str) -> str:
         cases: Rows of the trials.
         quantity: `slope` or `elevation`.
     """
-    scale, unit = (np.degrees(1.0), "°") if quantity == "slope" else (1e3, "mm")
+    factor, unit = (np.degrees(1.0), "°") if quantity == "slope" else (1e3, "mm")  # from rad or m to the plot's unit
     plot = Plot(
         title=f"Figure 23, {quantity}",
         x=(-0.6, len(CASES) - 0.4),
@@ -75,16 +76,17 @@ def _figure_23(cases: Sequence[TrialRow], quantity: str) -> str:
     for k, method in enumerate((METHODS[0], *METHODS)):  # k = 0: the true values, which are the same for any method
         name = f"estimated_{quantity}" if k else quantity
         # for each case of the table, the absolute values of its steps in the plot's unit; a case may have no steps
-        values = [[abs(getattr(s, name)) * scale for s in _steps_of_case(cases, method, case)] for case in CASES]
-        # numbers of the table's cases with steps, which are their places on the axis, and the means there
-        at = np.array([i for i, case_values in enumerate(values) if case_values])
+        values = [[abs(getattr(s, name)) * factor for s in _steps_of_case(cases, method, case)] for case in CASES]
+        # numbers of the table's cases with steps, which are their places on the x axis, and the means there
+        places = np.array([i for i, case_values in enumerate(values) if case_values])
         means = np.array([np.mean(case_values) for case_values in values if case_values])
         if k:
             sd = [np.std(case_values) for case_values in values if case_values]
-            # the methods side by side, to the right and the left of the case's place
-            plot.dots(at + 0.24 * k - 0.36, means, _METHOD_COLORS[method], sd=sd, size=7, label=f"{method}, mean ± SD")
+            # the two methods side by side: 0.12 to the left (k = 1) and to the right (k = 2) of the case's place
+            x = places + 0.24 * k - 0.36
+            plot.dots(x, means, _METHOD_COLORS[method], sd=sd, size=7, label=f"{method}, mean ± SD")
         else:
-            plot.curves([[(i - 0.35, m), (i + 0.35, m)] for i, m in zip(at, means)], INK, label="true")
+            plot.curves([[(i - 0.35, m), (i + 0.35, m)] for i, m in zip(places, means)], INK, label="true")
     return plot.html()
 
 

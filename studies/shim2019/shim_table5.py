@@ -53,7 +53,7 @@ CASES = {
 }
 """Case of the table to walk and mode; "" takes the whole walk."""
 _CLASSES = "classification_accuracy_pct"  # figure of the share of right classes
-_Trials = list[tuple[int, dict[str, list[ScoredStep]]]]  # subject, and walk to steps
+_Trials = list[tuple[int, dict[str, list[ScoredStep]]]]  # of each trial: subject, and walk to steps by one method
 FIGURES = ("d_rmse_mm", "h_rmse_mm", "y_rmse_mm", "slope_rmse_deg", "elevation_rmse_mm")
 """RMS errors of the table: displacement per step forward, up and left, slope, and elevation."""
 
@@ -79,7 +79,11 @@ class TrialRow(CaseRow):
 
 
 class ShimCollected(Collected[dict[str, CaseFigures], dict[str, CaseFigures]]):
-    """Figures by method and case beside the paper's; `by_subject` has those of each subject, by method."""
+    """Figures by method and case beside those of `Shim et al. 2019`.
+
+    Attributes:
+        by_subject: By method and subject, such as `S1`, the figures by case.
+    """
 
     by_subject: dict[str, dict[str, CaseFigures]]
 
@@ -97,7 +101,8 @@ def run_case(case: ExperimentCase) -> Row:
         The case's row with `fell`, `walks`: walk to method to the rows of its steps; and `false_steps`: method to the
         number of estimated steps that did not happen.
     """
-    methods, fell = (*METHODS, *case.estimators), []
+    methods = (*METHODS, *case.estimators)
+    fell = []  # names of the walks that ended by a fall
     walks: dict[str, dict[str, list[StepRow]]] = {}
     false_counts = dict.fromkeys(methods, 0)
     for walk in case.walks():
@@ -161,6 +166,7 @@ def collect(results: list[TrialRow]) -> ShimCollected:
     summary: dict[str, CaseFigures] = {}
     by_subject: dict[str, dict[str, CaseFigures]] = {}
     for method in results[0]["false_steps"]:
+        # of each row the steps of this method: walk to method to rows becomes walk to steps
         trials = [
             (
                 r["subject"],
@@ -171,9 +177,9 @@ def collect(results: list[TrialRow]) -> ShimCollected:
             )
             for r in results
         ]
-        # the published method has no classes of its own: a support vector machine gives them
         subjects = {who for who, _ in trials}
-        # `classed`: subjects whose steps have classes
+        # the published method has no classes of its own: a support vector machine gives them; `classed` are the
+        # subjects whose steps have classes
         trials, classed = _classify_steps(trials) if method == "published" else (trials, subjects)
         summary[method] = _figures_by_case(trials, classed)
         summary[method]["all"]["false_steps"] = sum(r["false_steps"][method] for r in results)
@@ -265,7 +271,8 @@ def _figures(
     """
     figures = step_figures([s for _, walk_steps in walks for s in walk_steps], displacements)
     classified_steps = [s for who, walk_steps in walks if who in classed for s in walk_steps]
-    del figures[_CLASSES]  # that of all subjects
+    # the share of right classes of all subjects gives way to that of the subjects with classes
+    del figures[_CLASSES]
     return figures | (
         {_CLASSES: percent(s.estimated_mode == s.mode for s in classified_steps)} if classified_steps else {}
     )
@@ -325,7 +332,11 @@ def table(result: ShimResult) -> list[str]:
 
 
 def _mean_errors(summary: Mapping[str, CaseFigures]) -> list[str]:
-    """Mean and standard deviation of errors, the paper's, and those of Huo et al. that it quotes."""
+    """Mean and standard deviation of our errors, the paper's, and those of Huo et al. that it quotes, as lines of text.
+
+    Args:
+        summary: By method, its figures by case.
+    """
     paper_errors = read_reference("shim2019")
     huo = paper_errors["huo_et_al"]
     # figure, name of the line, its cases, and [mean, SD] of both papers
@@ -341,7 +352,7 @@ def _mean_errors(summary: Mapping[str, CaseFigures]) -> list[str]:
     heads = [*summary, "Shim et al. 2019", "Huo et al."]
     lines = [f"{'error, mean ± sd':<26}" + "".join(f"{head:>19}" for head in heads)]
     for figure, case_names, cases, *papers in quoted:
-        # of each of our methods, then of the papers
+        # mean and standard deviation of each of our methods, then of both papers
         pairs = [_mean_and_sd([rows[case] for case in cases], figure) for rows in summary.values()] + papers
         name, unit = figure.split("_")
         cells = "".join(f"{f'{mean:.2f} ± {sd:.2f}':>19}" for mean, sd in pairs)

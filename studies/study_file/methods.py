@@ -27,7 +27,7 @@ class Method:
         name: In the study.
         estimator: Name of the installed estimator.
         method: One of its methods.
-        parameters: Of its constructor; None leaves its own.
+        parameters: The `parameters` that its constructor gets; None leaves its own.
     """
 
     name: str
@@ -70,7 +70,7 @@ def run_method(method: Method, recording: Recording, make_walk: Callable[[], Ali
             poses; it is only called for estimators that take poses.
 
     Raises:
-        StrideTwinError: The recording does not feed the estimator, lacks the truth, or the estimator gives no output.
+        StrideTwinError: The recording does not feed the estimator or lacks the truth, or an estimate is invalid.
     """
     estimator_class = registry.estimator(method.estimator)
     declaration = estimator_class.declaration
@@ -95,6 +95,7 @@ def run_method(method: Method, recording: Recording, make_walk: Callable[[], Ali
             outputs += kind.run(instance, recording)
         else:
             fed_instance = kind, instance.with_poses_of(walk.frame)
+            # `replay` gives kind and outputs of each instance; here there is one
             _, instance_outputs = replay([fed_instance], recording, walk.poses, walk.camera, walk)[0]
             outputs += instance_outputs
     return {evaluation.name: dict(evaluation.scores) for evaluation in kind.evaluate(outputs, recording)}

@@ -21,8 +21,9 @@ def study_page(result: StudyResult, text: str, command: str) -> str:
     # sentences above the figures and above the comparison
     lead = "Means over walks, and over the outputs of a method, such as both feet, with 95 % intervals."
     tested = "Each method against the first one, walk by walk, corrected for the number of comparisons (Holm)."
+    head = table_head(result)
     # the table has one line per combination and method
-    head, combinations = table_head(result), len(result["table"]) // len(result["methods"])
+    combination_count = len(result["table"]) // len(result["methods"])
     sections = [
         section("Scores", lead, "".join(_draw_score(result, score) for score in result["scores"])),
         section(
@@ -33,7 +34,7 @@ def study_page(result: StudyResult, text: str, command: str) -> str:
         section("Comparison", tested, render_template("list", words=result["words"])) if result["words"] else "",
         section("The study", command, text_block(text.splitlines())),
     ]
-    chips = [", ".join(result["methods"]), f"{combinations} combinations", f"{len(result['seeds'])} walks of each"]
+    chips = [", ".join(result["methods"]), f"{combination_count} combinations", f"{len(result['seeds'])} walks of each"]
     return page("Study", result["study"], chips, sections, "Drawn by stridetwin experiment.")
 
 
@@ -44,9 +45,9 @@ def _draw_score(result: StudyResult, score: str) -> str:
     names = [", ".join(line["levels"].values()) or "all walks" for line in result["table"][:: len(methods)]]
     plot = Plot(title=score, x_names=names, x=(-0.5, len(names) - 0.5), y_label=score, height=360)
     for m, method in enumerate(methods):
-        # lines of the table are ordered by combination, then by method: every n-th one from m on is of this method.
-        # At each combination the methods are drawn side by side
-        color, shift = PALETTE[m % len(PALETTE)], _SPREAD * ((m + 0.5) / len(methods) - 0.5)
+        color = PALETTE[m % len(PALETTE)]
+        shift = _SPREAD * ((m + 0.5) / len(methods) - 0.5)  # the methods are drawn side by side at each combination
+        # lines of the table are ordered by combination, then by method: every n-th one from m on is of this method
         means = [line["scores"].get(score) for line in result["table"][m :: len(methods)]]
         # place on the axis, and mean with its interval, where the method has the score
         drawn = [(c + shift, mean) for c, mean in enumerate(means) if mean is not None]

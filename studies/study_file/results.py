@@ -30,7 +30,13 @@ _MAX_PCT = 200.0
 
 
 class TableLine(TypedDict):
-    """A combination and a method: levels by factor, and each score's mean with its 95 % interval."""
+    """A combination and a method.
+
+    Attributes:
+        levels: Names of the combination's levels, by factor.
+        method: Name of the method.
+        scores: By name, each score's mean over the walks with its 95 % interval; missing ones are left out.
+    """
 
     levels: dict[str, str]
     method: str
@@ -38,7 +44,13 @@ class TableLine(TypedDict):
 
 
 class ComparedMethod(TypedDict):
-    """A method that is compared with the first one in a combination, by one score."""
+    """A method that is compared with the first one in a combination, by one score.
+
+    Attributes:
+        score: Name of the score.
+        method: Name of the method.
+        levels: Names of the combination's levels, by factor.
+    """
 
     score: str
     method: str
@@ -46,7 +58,16 @@ class ComparedMethod(TypedDict):
 
 
 class ScoreChange(TypedDict):
-    """The change of a score in % or points, with its 95 % interval, p-value and verdict ("" if not significant)."""
+    """The change of a score from the first method to another one.
+
+    Attributes:
+        change: Mean change.
+        unit: Its unit, `%` or `points`.
+        low: Lower end of its 95 % interval; None with one or two walks.
+        high: Upper end.
+        p: p-value, corrected for the number of comparisons.
+        verdict: `better`, `worse`, `higher` or `lower`; "" if the change is not significant.
+    """
 
     change: float
     unit: str
@@ -61,7 +82,14 @@ class MethodComparison(ComparedMethod, ScoreChange):
 
 
 class MethodFailure(TypedDict):
-    """A walk on which a method failed, and the reason."""
+    """A walk on which a method failed, and the reason.
+
+    Attributes:
+        levels: Names of the combination's levels, by factor.
+        seed: Seed of the walk.
+        method: Name of the method, or `walk` if the walk itself failed.
+        reason: Why.
+    """
 
     levels: dict[str, str]
     seed: int
@@ -179,8 +207,8 @@ def _compare_with_first(study: Study, values: Array) -> list[MethodComparison]:
         Ordered by score, method and combination.
     """
     compared: list[ComparedMethod] = []
-    # of each comparison, the (W,) losses minus those of the first method, and the scale of the score
-    columns, scales = list[Array](), list[Scale]()
+    columns: list[Array] = []  # of each comparison, the (W,) losses minus those of the first method
+    scales: list[Scale] = []  # of each comparison, the scale of the score
     # s, m, c: numbers of score, method and combination
     for s, m, c in np.ndindex(len(study.scores), len(study.methods), len(study.combinations)):
         scale = scale_of(study.scores[s])
@@ -221,8 +249,8 @@ def _to_score_change(scale: Scale, difference: Difference) -> ScoreChange:
 
 def _describe_comparisons(study: Study, comparisons: Sequence[MethodComparison]) -> list[str]:
     """For each score and method, in which combinations it differs significantly from the first method."""
-    first, why_untested = study.methods[0].name, missing_test_reason(len(study.seeds))
-    if why_untested:
+    first = study.methods[0].name
+    if why_untested := missing_test_reason(len(study.seeds)):
         return [why_untested]
     if len(study.methods) == 1:  # nothing to compare
         return []
@@ -249,7 +277,7 @@ def _describe_change(comparison: MethodComparison) -> str:
 
 def _describe_failures(failed: Sequence[MethodFailure]) -> list[str]:
     """On how many walks each method failed, with the first reason."""
-    reasons: dict[str, list[str]] = {}
+    reasons: dict[str, list[str]] = {}  # by method, one reason per walk
     for failure in failed:
         reasons.setdefault(failure["method"], []).append(failure["reason"])
     return [

@@ -59,8 +59,10 @@ class StudyOptions(BatchOptions):
 
     def of(self, study: Study) -> Study:
         """The study with the seeds that these options set."""
-        seeds = study.seeds[: self.subset]
-        return replace(study, seeds=seeds if self.first is None else tuple(range(self.first, self.first + len(seeds))))
+        seeds = study.seeds[: self.subset]  # the first ones, or all of them
+        if self.first is not None:
+            seeds = tuple(range(self.first, self.first + len(seeds)))
+        return replace(study, seeds=seeds)
 
     def command(self, study: Study) -> str:
         """The command line that gives this result again."""
@@ -94,7 +96,8 @@ def run_study(
     Raises:
         StrideTwinError: Any usage error; the folder is used by another process, or holds rows and is not to be resumed.
     """
-    study, folder = options.of(study), options.folder
+    study = options.of(study)  # with the seeds of the options
+    folder = options.folder
     with hold_folder(folder, (folder / ROWS).exists) as unfinished:
         if (folder / ROWS).exists() and not options.resume:
             raise StrideTwinError(f"{folder}: holds a study: expected --resume to continue it, or another folder")
@@ -138,10 +141,11 @@ def _list_walks(study: Study, folder: Path, physics: str | None) -> list[tuple[s
         folder: The output folder, which contains the user's parts.
         physics: Replaces that of the scenarios; None leaves it.
     """
-    walks, scenarios = [], dict[str, Scenario]()  # scenarios by combination and levels, as text
+    walks = []
+    scenarios: dict[str, Scenario] = {}  # by name: the base scenario, and the levels of the combination with a seed
     for combination in study.combinations:
         for seed in study.seeds:
-            of_seed = combination.with_levels(study.levels(seed))
+            of_seed = combination.with_levels(study.levels(seed))  # with the levels whose turn it is
             name = ", ".join([combination.base.name, *(level.name for level in of_seed.levels)])
             if name not in scenarios:  # seeds with the same levels share a scenario
                 scenarios[name] = make_scenario(study, of_seed, folder, physics)
@@ -152,7 +156,15 @@ def _list_walks(study: Study, folder: Path, physics: str | None) -> list[tuple[s
 
 
 def _check_sensors(study: Study, walks: Sequence[tuple[str, StudyWalk]]) -> None:
-    """Refuses a method that no combination has the sensors for."""
+    """Refuses a method that no combination has the sensors for.
+
+    Args:
+        study: The study.
+        walks: All walks with their names, combination by combination.
+
+    Raises:
+        ConfigError: There is such a method; the message has what the first combination lacks.
+    """
     first_walks = [walk for _, walk in walks[:: len(study.seeds)]]  # one of each combination
     for method in study.methods:
         reasons = [missing_sensors_reason(method, walk.scenario) for walk in first_walks]

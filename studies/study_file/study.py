@@ -83,7 +83,7 @@ def read_study(path: Path, parameters: ParameterValues = MappingProxyType({})) -
             name,
             spec.estimator,
             spec.method,
-            {**spec.parameters, **parameters.get(spec.estimator, {})},
+            {**spec.parameters, **parameters.get(spec.estimator, {})},  # those of `--set` replace the file's
             where.key("methods").key(name),
         )
         for name, spec in file.methods.items()

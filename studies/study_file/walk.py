@@ -23,7 +23,12 @@ WALK = "walk"
 
 
 class StudyRow(TypedDict):
-    """The row of a walk: scores by method and output, and a reason by method that failed, or for the walk."""
+    """The row of a walk.
+
+    Attributes:
+        scores: By method and output, such as one per foot.
+        failed: Reason by method that failed, or under `WALK` if the walk itself did.
+    """
 
     scores: dict[str, dict[str, Scores]]
     failed: dict[str, str]
@@ -34,7 +39,8 @@ class StudyWalk:
     """A walk of a study, on which all methods run.
 
     Attributes:
-        scenario: With no other sensors than those that the methods need.
+        scenario: Its scenario; when it runs, with no other sensors than those that the methods need
+            (`keep_needed_sensors`).
         seed: Its seed.
         methods: The methods.
     """

@@ -305,7 +305,8 @@ def _clutter(config: TwinConfig, rng: Rng) -> TwinConfig:
     """The walk over level ground with things that resemble steps, and a wall at its end."""
     width_m = float(rng.uniform(2.0, 2.4))
     length_m = 9.0
-    things = (*_scatter_things(rng, 1.5, length_m - 1.0), Thing(kind="wall", at_m=length_m + _STOP_M))
+    wall = Thing(kind="wall", at_m=length_m + _STOP_M)  # the walker stops just before it
+    things = (*_scatter_things(rng, 1.5, length_m - 1.0), wall)
     route = replace(config.route, segments=(Level(length_m=length_m),), things=things, width_m=width_m)
     return replace(config, route=replace(route, scenery="outdoor"))
 
@@ -386,7 +387,7 @@ WALK_KINDS = {
     "cluttered_stair": WalkKind("clutter before a stair, bystanders", _clutter_before_stair, tuned=False),
     "furniture": WalkKind("chairs, crates, a black mat", _furniture, tuned=False),
 }
-"""By name, in the order of the seeds."""
+"""Kinds by name; consecutive seeds draw walks of consecutive kinds."""
 
 
 def draw_walk(name: str, seed: int) -> TwinConfig:

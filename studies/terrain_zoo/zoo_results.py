@@ -19,13 +19,21 @@ from stridetwin.studies.zhao2023.mode_results import calibration_plot, confusion
 from stridetwin.studies.zhao2023.mode_walks import TimedModeRows
 
 _SURE = 0.9  # a wrong prediction with a higher probability is sure and wrong
-_OURS, _PUBLISHED = METHODS
+_OURS, _PUBLISHED = METHODS  # names of the predictor's two methods
 _UNTUNED = "kinds that are not in the tuning set"  # label of the walks of these kinds
 _ALL = "all"  # label of all walks
 
 
 class ZooRow(CaseRow):
-    """The row of a walk, see `zoo_walk.run_case`."""
+    """The row of a walk.
+
+    Attributes:
+        kind: Name of the kind of walk.
+        mount: Body of the camera: head or chest.
+        fell_at_s: When the walker fell; None without a fall.
+        odometry: Figures of the odometry by name (`zoo_walk.odometry_figures`), and `mount_rad`.
+        methods: Scores of the predicted modes, by method.
+    """
 
     kind: str
     mount: str
@@ -35,7 +43,13 @@ class ZooRow(CaseRow):
 
 
 class ZooSummary(TypedDict):
-    """Figures of modes and of the odometry by kind, and steps by true and predicted mode."""
+    """Figures over walks.
+
+    Attributes:
+        groups: Figures of the modes (`_group_figures`), by kind of walk, and for `_ALL` and `_UNTUNED`.
+        odometry: Figures of the odometry (`_odometry_figures`), by the same names.
+        confusion: True mode to predicted mode to number of steps, of our method.
+    """
 
     groups: dict[str, Figures]
     odometry: dict[str, Figures]

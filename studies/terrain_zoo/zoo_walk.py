@@ -45,8 +45,10 @@ def run_case(case: ExperimentCase, kinds: str = "all") -> Row:
         the camera's estimated mount), and `methods`: method to the rows of `ModeScores`, and `time_ms` per depth image.
     """
     names = kinds_of(kinds)
-    kind, (config,) = names[case.seed % len(names)], list_configs(case, kinds)
-    mount, poses = config.rig_mount, list[Pose]()  # body of the camera; valid poses of the odometry
+    kind = names[case.seed % len(names)]
+    (config,) = list_configs(case, kinds)
+    mount = config.rig_mount  # body of the camera
+    poses: list[Pose] = []  # valid ones of the odometry, which runs while `predict` reads the samples
     with record_walk(CaseWalk(name=kind, labels={}, config=config), case) as recording:
         predictions = predict(
             samples_with_poses(recording, mount, "dvio", on_pose=poses.append), recording, (*METHODS, *case.estimators)
@@ -82,7 +84,7 @@ def kinds_of(kinds: str) -> list[str]:
 
 
 def odometry_figures(poses: list[Pose], recording: Recording, mount: str) -> dict[str, float]:
-    """Figures of an odometry whose first pose is given the true position and heading.
+    """Figures of an odometry, whose path is moved so that its first pose has the true position and heading.
 
     Args:
         poses: Poses of the IMU, in time order.
@@ -94,9 +96,8 @@ def odometry_figures(poses: list[Pose], recording: Recording, mount: str) -> dic
         share of the walk with the position within its own 95 % bound.
     """
     comparison = compare(trajectory_of(poses), TruePath.of(recording.block(f"/truth/{mount}/imu/odometry")))
-    # (K,) rad, and whether 5 m have been walked before
-    tilt = _tilt_rad(comparison.estimate.q_world_frame, comparison.truth.q_world_frame)
-    settled = comparison.distance_m - comparison.distance_m[0] > _SETTLED_M
+    tilt = _tilt_rad(comparison.estimate.q_world_frame, comparison.truth.q_world_frame)  # (K,) rad, of K poses
+    settled = comparison.distance_m - comparison.distance_m[0] > _SETTLED_M  # (K,) whether 5 m have been walked before
     scores = score(comparison)
     return {
         "distance_m": scores["distance_m"],

@@ -51,7 +51,11 @@ PaperErrors = dict[str, dict[str, dict[str, float]]]
 
 
 class BenchRow(OdometryRow):
-    """The row of a walk, with the name of its sequence."""
+    """The row of a walk, with the name of its sequence.
+
+    Attributes:
+        sequence: Key of `SEQUENCES`.
+    """
 
     sequence: str
 
@@ -103,9 +107,11 @@ def table(result: Result[Summary, PaperErrors, BenchRow]) -> list[str]:
     """The sequences as lines of text, each beside the one of EuRoC of similar difficulty."""
     summary, paper_figures = result["summary"], result["paper"]
     methods = list(result["cases"][0]["methods"])
-    # time per frame, and by sequence the angular rates of head or chest on its last walk
-    time_ms, rates = get_figures(summary, "time_ms"), {r["sequence"]: r["rate_radps"] for r in result["cases"]}
+    time_ms = get_figures(summary, "time_ms")  # per frame
+    # angular rates of head or chest, by sequence: of several walks of one the last counts
+    rates = {r["sequence"]: r["rate_radps"] for r in result["cases"]}
     columns = [("as", 8, "{like}"), ("rad/s p95", 11, "{rate[p95]:.1f}")]
+    # for each method ours, and the paper's in brackets
     columns += [column for m in methods for column in ((m, 12, f"{{{m}}}"), ("EuRoC", 9, f"({{paper_{m}:.2f}})"))]
     rows: list[LabelledFigures] = []
     for name in [*(n for n in SEQUENCES if n in rates), "mean"]:

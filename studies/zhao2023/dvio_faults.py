@@ -35,7 +35,8 @@ def run_case(case: ExperimentCase, make: odometry_walks.Maker = odometry_walks.m
         The case's row with `faults`: label of the fault to drift, failure and time (`odometry_walks.score_odometry`).
     """
     (walk,) = case.walks()
-    mount, figures_of_fault = walk.config.rig_mount, {}
+    mount = walk.config.rig_mount
+    figures_of_fault = {}
     with record_walk(walk, case) as recording:
         truth = odometry_walks.true_path(recording, mount)
         for label, plan in fault_plans(case, recording.rig, recording.duration).items():
@@ -47,7 +48,7 @@ def run_case(case: ExperimentCase, make: odometry_walks.Maker = odometry_walks.m
 
 def collect(results: list[FaultRow[odometry_walks.OdometryFigures]]) -> Collected[dict[str, Figures], NoPaper]:
     """Means by fault over the walks; `borne` counts the walks whose odometry tolerates the fault."""
-    nominal = [r["faults"][NO_FAULT] for r in results]
+    nominal = [r["faults"][NO_FAULT] for r in results]  # of each case, the figures without fault
 
     def fault_figures(walks: list[odometry_walks.OdometryFigures]) -> Figures:
         """Figures of one fault over the walks, which are in the order of `nominal`."""
@@ -62,7 +63,12 @@ def collect(results: list[FaultRow[odometry_walks.OdometryFigures]]) -> Collecte
 
 
 def _is_tolerated(walk: odometry_walks.OdometryFigures, nominal: odometry_walks.OdometryFigures) -> bool:
-    """Whether the odometry recovers after a loss, or drifts at most `DRIFT_RATIO` times as far as without fault."""
+    """Whether the odometry recovers after a loss, or drifts at most `DRIFT_RATIO` times as far as without fault.
+
+    Args:
+        walk: Figures of a walk with the fault.
+        nominal: Those of the same walk without fault.
+    """
     if walk["failure"] == "lost":  # it has reported the loss itself
         return bool(walk["recovered"])
     # any other failure went unreported; without a nominal drift there is nothing to compare with

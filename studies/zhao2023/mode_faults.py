@@ -46,10 +46,10 @@ SURE = 0.9  # a wrong prediction with a higher probability is sure and wrong
 
 
 def run_case(case: ExperimentCase) -> Row:
-    """Predicts the modes of all walks of a case, with each fault.
+    """Predicts the modes of all walks of a case by our method, with each fault.
 
     Returns:
-        The case's row with `fell`, and `faults`: label to the rows of each walk.
+        The case's row with `fell`, the walks that ended by a fall, and `faults`: label to our rows of each walk.
     """
     rows_of_fault: dict[str, list[ModeRows]] = {}
     fell = []
@@ -57,9 +57,9 @@ def run_case(case: ExperimentCase) -> Row:
         with record_walk(walk, case) as recording:
             # the odometry runs once, without faults; its poses are merged with the faulty samples again
             feed = [s for s in samples_with_poses(recording, walk.config.rig_mount, "dvio") if isinstance(s, Odometry)]
-            # of the camera's IMU, and of the camera on it
+            # poses of the camera's IMU, and of the camera on it
             poses, camera = (trajectory([s for s in feed if s.topic == topic]) for topic in (POSES, CAMERA_POSES))
-            topics = [*INSOLES, depth_calibration(recording.rig).depth_topic]
+            topics = [*INSOLES, depth_calibration(recording.rig).depth_topic]  # what the predictor reads besides poses
             times = partial(repeat_fault, times_s=fault_times_s(recording))
             for label, plan in fault_plans(case, recording.rig, recording.duration, times).items():
                 # a fault may also restart the odometry, after which its poses are in another frame

@@ -34,6 +34,7 @@ LIGHTS = ("light", "dark")
 """Light of an evaluation: as recorded, or dark from the first step up on."""
 BY = ("camera", "both", "legs")
 """Sources of the modes. The first two run the predictor; the legs alone only repeat the mode of the last step."""
+_BY_PREDICTOR = BY[:2]
 _WORDS = {
     "light": "in the light",
     "dark": "dark from the first step up on",
@@ -44,7 +45,13 @@ _WORDS = {
 
 
 class FusionRow(CaseRow):
-    """The row of a case, see `run_case`."""
+    """The row of a case.
+
+    Attributes:
+        fell: Names of the walks that ended by a fall.
+        predicted: By light and source of the modes, the rows of each walk.
+        legs: Of every step, the true mode, that of the previous step, and the prediction by the legs alone.
+    """
 
     fell: list[str]
     predicted: dict[str, dict[str, list[ModeRows]]]
@@ -52,7 +59,13 @@ class FusionRow(CaseRow):
 
 
 class FusionSummary(TypedDict):
-    """Figures with light and in the dark, by source of the modes, and those of the legs alone."""
+    """Figures over all walks.
+
+    Attributes:
+        light: In the light, by source of the modes.
+        dark: In the dark, by source of the modes.
+        legs: Of the legs alone, which the light does not change: `steps`, `accuracy_pct`, `transition_accuracy_pct`.
+    """
 
     light: dict[str, ModeFigures]
     dark: dict[str, ModeFigures]
@@ -63,10 +76,10 @@ def run_case(case: ExperimentCase) -> Row:
     """Predicts the modes of all walks of a case, in light and in darkness.
 
     Returns:
-        The case's row with `fell`, `predicted`: light to `camera` and `both` to the rows of each walk, and `legs`: true
-        mode, that of the previous step, and the legs' prediction, for every step.
+        The case's row with `fell`, the walks that ended by a fall; `predicted`: light to `camera` and `both` to the
+        rows of each walk; and `legs`: true mode, that of the previous step, and the legs' prediction, for every step.
     """
-    predicted_rows: dict[str, dict[str, list[ModeRows]]] = {light: {by: [] for by in BY[:2]} for light in LIGHTS}
+    predicted_rows: dict[str, dict[str, list[ModeRows]]] = {light: {by: [] for by in _BY_PREDICTOR} for light in LIGHTS}
     legs: list[tuple[str, str, str]] = []
     fell = []
     for walk in case.walks():
@@ -76,7 +89,7 @@ def run_case(case: ExperimentCase) -> Row:
             steps = leg_steps(recording)
             for light in LIGHTS:
                 samples = feed if light == "light" else list(_darken(feed, _first_up_ns(recording)))
-                for by in BY[:2]:
+                for by in _BY_PREDICTOR:
                     inputs: list[Sample | StepEstimate] = [*samples, *(steps if by == "both" else ())]
                     inputs.sort(key=lambda s: s.t_ns)
                     predictions = predict(inputs, recording, ("proposed",))
@@ -121,7 +134,8 @@ def _predict_like_last(recording: Recording, steps: list[StepEstimate]) -> list[
         came before.
     """
     t_ns = np.array([s.t_ns for s in steps])
-    predictions, before = [], "LG"
+    predictions = []
+    before = "LG"  # mode of the previous step
     for footprint in true_footprints(recording)[2:]:  # without the two initial ones
         last = int(np.searchsorted(t_ns, footprint.t_ns)) - 1  # number of the last estimate before touch-down
         predictions.append((footprint.mode, before, steps[last].mode if last >= 0 else "LG"))
@@ -132,19 +146,23 @@ def _predict_like_last(recording: Recording, steps: list[StepEstimate]) -> list[
 def collect(results: list[FusionRow]) -> Collected[FusionSummary, NoPaper]:
     """Figures by light and by source over all walks; no paper has such a table."""
     light, dark = (
-        {by: mode_figures([ModeScores.of(w) for r in results for w in r["predicted"][name][by]]) for by in BY[:2]}
+        {
+            by: mode_figures([ModeScores.of(walk) for row in results for walk in row["predicted"][name][by]])
+            for by in _BY_PREDICTOR
+        }
         for name in LIGHTS
     )
     # scored steps of all walks, and the legs' prediction of each
     camera_steps = [s for r in results for w in r["predicted"]["light"]["camera"] for s in ModeScores.of(w).steps]
     predicted = [mode for r in results for _, _, mode in r["legs"]]
-    # for each step, whether the prediction is one of the modes that count as right, as for the camera, and whether the
-    # mode differs from that of the previous step
+    # for each step, whether the legs' prediction is one of the modes that count as right, as for the camera, and
+    # whether the step is a transition: its mode differs from that of the previous step
     right = [(mode in s.allowed, s.is_transition) for s, mode in zip(camera_steps, predicted, strict=True)]
+    right_transitions = [is_right for is_right, is_transition in right if is_transition]
     legs = {
         "steps": len(predicted),
-        "accuracy_pct": 100.0 * float(np.mean([ok for ok, _ in right])),
-        "transition_accuracy_pct": 100.0 * float(np.mean([ok for ok, transition in right if transition])),
+        "accuracy_pct": 100.0 * float(np.mean([is_right for is_right, _ in right])),
+        "transition_accuracy_pct": 100.0 * float(np.mean(right_transitions)),
     }
     return {"summary": {"light": light, "dark": dark, "legs": legs}, "paper": {}}
 
@@ -155,6 +173,6 @@ def rows(result: Result[FusionSummary, NoPaper, FusionRow]) -> list[LabelledFigu
     by_light: list[LabelledFigures] = [
         (f"{_WORDS[light]}, {_WORDS[by]}", figures[by])
         for light, figures in (("light", summary["light"]), ("dark", summary["dark"]))
-        for by in BY[:2]
+        for by in _BY_PREDICTOR
     ]
     return [*by_light, (_WORDS["legs"], summary["legs"])]

@@ -24,14 +24,24 @@ ESTIMATORS = ("dvio", "locomotion_mode", "terrain_map")
 
 
 class TrapRow(TypedDict):
-    """A method on the walk past one trap: the rows of its steps, and the share of estimates that are false alarms."""
+    """A method on the walk past one trap.
+
+    Attributes:
+        steps: Rows of its steps (`ScoredMode`).
+        alarms_pct: Share of the estimates that predict a terrain change, or a step in another mode than LG, %.
+    """
 
     steps: list[dict[str, object]]
     alarms_pct: float
 
 
 class TrapsRow(CaseRow):
-    """The row of a case: the walks that fell, by trap, and trap to method to what came of it."""
+    """The row of a case.
+
+    Attributes:
+        fell: Traps on whose walks the walker fell.
+        traps: By trap and method, what came of the walk.
+    """
 
     fell: list[str]
     traps: dict[str, dict[str, TrapRow]]
@@ -45,8 +55,8 @@ def run_case(case: ExperimentCase) -> Row:
     """Predicts the modes of one walk per trap.
 
     Returns:
-        The case's row with `fell`, and `traps`: trap to method to `steps` (rows of `ScoredMode`) and `alarms_pct`, the
-        share of the estimates that predict any other mode than LG.
+        The case's row with `fell`, the traps on whose walks the walker fell, and `traps`: trap to method to `steps` and
+        `alarms_pct` (`TrapRow`).
     """
     figures_of_trap: dict[str, dict[str, TrapRow]] = {}
     fell = []
@@ -74,6 +84,7 @@ def _alarm_share_pct(estimates: list[ModeEstimate]) -> float:
 def collect(results: list[TrapsRow]) -> Collected[TrapSummary, NoPaper]:
     """Figures by method and trap over all walks; the paper has no such table."""
     return {
+        # a row has trap, then method; the summary has method, then trap, each with the rows of all cases
         "summary": {
             m: {trap: _trap_figures([r["traps"][trap][m] for r in results]) for trap in results[0]["traps"]}
             for m in METHODS

@@ -29,7 +29,9 @@ from stridetwin.studies.zhao2023.mode_walks import (
 )
 
 PAPER_TERRAINS = ("stair_15cm", "stair_20cm", "stair_25cm", "ramp_11.8deg", "ramp_15.8deg", "ramp_17.8deg")
+"""Terrains of Table III, as the rows of walks name them."""
 GAIT_PATTERNS = ("wander", "walk", "jog")
+"""Patterns of walking of Table III."""
 ScoredWalk = tuple[Figures, ModeScores]
 """The row of a walk, and a method's scores on it."""
 Trial = Literal["", "external_disturbance_pct", "unconventional_camera_view_pct", "multi_direction_outdoor_pct"]
@@ -37,6 +39,7 @@ Trial = Literal["", "external_disturbance_pct", "unconventional_camera_view_pct"
 WORDS = {"proposed": "proposed", "published": "published", FORGETFUL: "one image"}
 """Column headers of the methods."""
 QUANTITIES = {"camera_pitch_rad": "camera pitch rad", "speed_mps": "speed m/s"}
+"""Quantities of Figure 4 with their titles."""
 # rows of the table of accuracies: title, and keys of the figure in a `MethodSummary`
 _ACCURACIES = (
     ("accuracy %", ("walks_accuracy_pct", "mean")),
@@ -58,7 +61,7 @@ _AHEAD = (
     ("next footprint mm, steady", ("footprint_steady_rmse_m", "forward"), 1e3),
     ("calibration error, points of %", ("calibration_error",), 100.0),
 )
-_TITLE_WIDTH = 34  # of the first column of a table, characters
+_TITLE_WIDTH = 34  # of the first column of a text table, characters
 _CELL_KEYS = ("height_group", "pattern", "terrain", "mount")
 """Keys of a row whose values identify a cell of Table II."""
 _WALKER_KEYS = ("height_group", "member")
@@ -74,7 +77,14 @@ _MOUNT_NOTE = (
 
 
 class ModeRow(CaseRow):
-    """The row of a walk, see `mode_walks.run_case`; it also has the levels of the walk's conditions."""
+    """The row of a walk, see `mode_walks.run_case`; it also has the levels of the walk's conditions.
+
+    Attributes:
+        mount: Body of the camera: head or chest.
+        fell_at_s: When the walker fell; None without a fall.
+        spread: Spread of camera pitch and speed, by quantity (keys of `EDGES`).
+        methods: Scores of the predicted modes, by method.
+    """
 
     mount: str
     fell_at_s: float | None
@@ -83,7 +93,16 @@ class ModeRow(CaseRow):
 
 
 class WalksAccuracy(TypedDict):
-    """Accuracy over walks, %: mean, standard deviation, and half of the mean's 95 % interval over persons or walks."""
+    """Accuracy over walks, %.
+
+    Attributes:
+        mean: Mean over the walks.
+        sd: Standard deviation over the walks.
+        ci95: Half of the mean's 95 % interval; None with one person or walk.
+        over: Number of persons or walks that the interval is over.
+        of: What they are: `persons` or `walks`.
+        sd_of_cells: Standard deviation of the accuracies of the cells; only with several cells.
+    """
 
     mean: float
     sd: float
@@ -94,7 +113,14 @@ class WalksAccuracy(TypedDict):
 
 
 class MethodSummary(ModeFigures):
-    """Figures of one method over all walks, by condition and by cell."""
+    """Figures of one method over all walks.
+
+    Attributes:
+        walks_accuracy_pct: Share of right steps of a walk, over the walks.
+        walks_strict_accuracy_pct: The share in which only the true mode is right, over the walks.
+        accuracy_by_condition_pct: By row of `conditions`, mean of its walks' shares.
+        cells_pct: By cell of Table II (`_cell_name`), mean of its walks' shares.
+    """
 
     walks_accuracy_pct: WalksAccuracy
     walks_strict_accuracy_pct: WalksAccuracy
@@ -103,7 +129,13 @@ class MethodSummary(ModeFigures):
 
 
 class PublishedAccuracy(TypedDict):
-    """The paper's accuracy, %: over all walks, by condition and by cell."""
+    """The paper's accuracy, %.
+
+    Attributes:
+        accuracy_pct: Over all walks.
+        accuracy_by_condition_pct: By row of `conditions`.
+        cells_pct: By cell of Table II.
+    """
 
     accuracy_pct: MeanAndSd
     accuracy_by_condition_pct: dict[str, float]
@@ -111,7 +143,13 @@ class PublishedAccuracy(TypedDict):
 
 
 class PaperFigures(TypedDict):
-    """The paper's figures, see `read_paper_figures`."""
+    """The paper's figures.
+
+    Attributes:
+        published: Its accuracy.
+        time_ms: Times by what was timed.
+        spread: Moments by quantity, those of its Figure 4; only of the test of generality.
+    """
 
     published: PublishedAccuracy
     time_ms: dict[str, float]
@@ -285,20 +323,20 @@ def _are_spreads(spreads: object) -> TypeGuard[dict[str, Spread]]:
 def table(result: ModeResult) -> list[str]:
     """Tables III and II with the paper's, Figure 4, and the confusion matrix, as lines of text."""
     counts = method_summary(result, methods(result)[0])["confusion"]
-    blocks = [overall_lines(result), [*ahead_lines(result), "", *spread_lines(result)], confusion_lines(counts)]
+    blocks = [overall_lines(result)]
     if len(condition_lines(result)) > 1:
-        # inserted after the overall lines
-        blocks[1:1] = [[conditions_title(result), *condition_lines(result)]]
+        blocks.append([conditions_title(result), *condition_lines(result)])
     if cell_lines(result):
-        # inserted before the last two blocks
-        blocks[-2:-2] = [["Table II", *cell_lines(result)]]
+        blocks.append(["Table II", *cell_lines(result)])
+    blocks += [[*ahead_lines(result), "", *spread_lines(result)], confusion_lines(counts)]
     # an empty line between the blocks
     return "\n\n".join("\n".join(block) for block in blocks).split("\n")
 
 
 def overall_lines(result: ModeResult) -> list[str]:
     """Number of walks and steps, accuracy and lead times by method, as lines of text."""
-    paper_accuracy, time_ms = result["paper"]["published"]["accuracy_pct"], get_figures(result["summary"], "time_ms")
+    paper_accuracy = result["paper"]["published"]["accuracy_pct"]
+    time_ms = get_figures(result["summary"], "time_ms")
     columns = methods(result)  # ours first
     summary = {m: method_summary(result, m) for m in columns}
     ours, accuracy = summary[columns[0]], summary[columns[0]]["walks_accuracy_pct"]
@@ -309,6 +347,21 @@ def overall_lines(result: ModeResult) -> list[str]:
         cells = f"± {accuracy['sd_of_cells']:.2f} from cell to cell (as the paper's ±), "
     paper_text = f"{_figure_text(paper_accuracy['mean'], 9)} ± {paper_accuracy['sd']:.2f}"
     interval = "" if accuracy["ci95"] is None else f"; 95 % interval of the mean ± {accuracy['ci95']:.2f}"
+    # one line per accuracy, with the paper's beside the first one, the only one that it has
+    accuracy_lines = [
+        f"{title:<{_TITLE_WIDTH}}"
+        + "".join(_figure_text(_figure_at(summary[m], keys)) for m in columns)
+        + (paper_text if keys == _ACCURACIES[0][1] else "")
+        for title, keys in _ACCURACIES
+    ]
+    # one line per lead time and statistic
+    statistics = {"median": ", median", "p5": ", 5th percentile"}  # key in the summary, and end of the line's title
+    lead_lines = [
+        f"{title + ending:<{_TITLE_WIDTH}}"
+        + "".join(_figure_text(_figure_at(summary[m], (lead, key))) for m in columns)
+        for title, lead in (("lead s", "lead_time_s"), ("of transitions s", "transition_lead_time_s"))
+        for key, ending in statistics.items()
+    ]
     return [
         f"{len(result['cases'])} walks, {ours['steps']} steps, {ours['transitions']} of them transitions",
         f"walks that ended by a fall: {', '.join(fell) or 'none'}",
@@ -316,20 +369,8 @@ def overall_lines(result: ModeResult) -> list[str]:
         f"mean over the walks; 95th percentile {time_ms['p95']:.1f} on the slowest walk",
         "",
         _head_line(result),
-        # one line per accuracy, with the paper's beside the first one, the only one that it has
-        *(
-            f"{title:<{_TITLE_WIDTH}}"
-            + "".join(_figure_text(_figure_at(summary[m], keys)) for m in columns)
-            + (paper_text if keys == _ACCURACIES[0][1] else "")
-            for title, keys in _ACCURACIES
-        ),
-        # one line per lead time and statistic
-        *(
-            f"{title + {'median': ', median', 'p5': ', 5th percentile'}[key]:<{_TITLE_WIDTH}}"
-            + "".join(_figure_text(_figure_at(summary[m], (lead, key))) for m in columns)
-            for title, lead in (("lead s", "lead_time_s"), ("of transitions s", "transition_lead_time_s"))
-            for key in ("median", "p5")
-        ),
+        *accuracy_lines,
+        *lead_lines,
         "accuracy and strict: means over the walks; others: shares of all steps",
         f"{columns[0]}: {cells}± {accuracy['sd']:.2f} from walk to walk{interval}, "
         f"over {accuracy['over']} {accuracy['of']}",
@@ -343,18 +384,18 @@ def ahead_lines(result: ModeResult) -> list[str]:
     tread, slope), up and down.
     """
     ours = method_summary(result, methods(result)[0])
-    return [
+    lines = [
         f"1.5 s before: {ours['changes']} changes",
         *(f"{title:<{_TITLE_WIDTH}}{_figure_text(_figure_at(ours, keys, factor))}" for title, keys, factor in _AHEAD),
         "",
         f"{'':<{_TITLE_WIDTH}}{'seen %':>12}{'RMS of those':>16}{'RMS of all estimated':>23}",
-        *(
-            f"{size.replace('_', ' ') + ', ' + direction:<{_TITLE_WIDTH}}{_figure_text(size_figures['seen_pct'])}"
-            f"{_figure_text(size_figures['rmse'], 16)}{_figure_text(size_figures['all_rmse'], 23)}"
-            for size, by_direction in ours["sizes"].items()
-            for direction, size_figures in by_direction.items()
-        ),
     ]
+    for size, by_direction in ours["sizes"].items():  # such as `riser_mm`, up and down
+        for direction, size_figures in by_direction.items():
+            title = f"{size.replace('_', ' ')}, {direction}"
+            seen, rmse = _figure_text(size_figures["seen_pct"]), _figure_text(size_figures["rmse"], 16)
+            lines.append(f"{title:<{_TITLE_WIDTH}}{seen}{rmse}{_figure_text(size_figures['all_rmse'], 23)}")
+    return lines
 
 
 def _figure_at(figures: Figures, keys: tuple[str, ...], factor: float = 1.0) -> float | None:
@@ -530,9 +571,8 @@ def _table_2_section(result: ModeResult) -> str:
     for group in HEIGHT_GROUPS:
         for pattern in GAIT_PATTERNS:
             cells = [f"{group} {pattern} {terrain} {mount}" for terrain, mount in columns]
-            # our accuracy and the paper's; None for cells that were not walked
-            pairs = [(ours[c], paper_cells[c]) if c in ours else None for c in cells]
-            shown = ["" if pair is None else _two_lines(f"{pair[0]:.2f}", f"{pair[1]:.2f}") for pair in pairs]
+            # our accuracy and the paper's; empty for cells that were not walked
+            shown = [_two_lines(f"{ours[c]:.2f}", f"{paper_cells[c]:.2f}") if c in ours else "" for c in cells]
             rows.append([f"{group} {pattern}", *shown])
     head = ["", *(f"{terrain} {mount}" for terrain, mount in columns)]
     return section("Table II", "Accuracy by cell, %: ours, and the paper's below it.", _table_of_numbers(head, rows))

@@ -51,14 +51,23 @@ _OVER_S = 1.0  # time over which a speed is taken
 
 
 class Spread(Moments):
-    """Spread of a quantity over walks: number of values, moments, and counts between `EDGES`."""
+    """Spread of a quantity over walks.
+
+    Attributes:
+        count: Number of values.
+        bins: Number of values in each bin between the quantity's `EDGES`; the outer bins have those beyond.
+    """
 
     count: int
     bins: list[int]
 
 
 class TimedModeRows(ModeRows):
-    """Scores of a method on one walk, with the CPU time per depth image: `mean` and `p95`, ms."""
+    """Scores of a method on one walk.
+
+    Attributes:
+        time_ms: CPU time per depth image: `mean` and `p95`.
+    """
 
     time_ms: dict[str, float]
 
@@ -71,7 +80,7 @@ def walk_spread(recording: Recording, mount: str) -> dict[str, Spread]:
         mount: Body of the camera: head or chest.
     """
     truth = TruePath.of(recording.block(f"/truth/{mount}/imu/odometry"))  # its axes are the camera's
-    half = round(_OVER_S / 2 * 1e9)  # ns
+    half = round(_OVER_S / 2 * 1e9)  # half of the time over which a speed is taken, ns
     steps = recording.block(FOOTPRINTS).t_ns[2:]  # the two initial footprints come first
     # from the first step to the last; of a walk without steps the whole truth
     first, last = (steps[0], steps[-1]) if len(steps) else (truth.t_ns[0], truth.t_ns[-1])
@@ -171,7 +180,8 @@ class SharedMap(TerrainMap):
     def update(self, sample: Sample) -> TerrainEstimate | None:
         """Updates the map with a sample; a repeated sample returns the first result."""
         if sample is not self._last:
-            self._shared, self._last = super().update(sample), sample
+            self._shared = super().update(sample)
+            self._last = sample
         return self._shared
 
 
@@ -276,8 +286,8 @@ def score_predictions(predictions: Predictions, recording: Recording, sole_m: fl
     # poses at which the truth is known
     in_truth = (predictions.path.t_ns >= truth.t_ns[0]) & (predictions.path.t_ns <= truth.t_ns[-1])
     path = predictions.path[in_truth]
-    # from the odometry's world to the true one, and the true terrain
-    alignment, layout = MovingAlignment(path, truth.at(path.t_ns)), terrain_layout(recording.metadata)
+    alignment = MovingAlignment(path, truth.at(path.t_ns))  # from the odometry's world to the true one
+    layout = terrain_layout(recording.metadata)  # the true terrain
     footprints = true_footprints(recording)
     return {m: score_modes(footprints, e, alignment, layout, sole_m) for m, e in predictions.estimates.items()}
 
@@ -302,7 +312,9 @@ def samples_with_poses(
     poses: str,
     on_pose: Callable[[Pose], None] = lambda pose: None,
 ) -> Iterator[Sample]:
-    """Yields poses of the camera's IMU and of the camera on it, depth images and insoles, in time order.
+    """Yields what the predictors read, in time order: poses, depth images and insoles.
+
+    Poses of the odometry are those of the camera's IMU, and of the camera on it.
 
     Args:
         recording: Recording of the walk.
@@ -315,8 +327,8 @@ def samples_with_poses(
         pose_topic, _ = find_pose_topic(recording, camera)
         yield from recording.samples([pose_topic, *INSOLES, camera.depth_topic])
         return
-    # `pose_feed` turns an estimate of the odometry into pose samples
-    odometry, pose_feed = make_odometer("proposed", recording.rig, mount), PoseFeed()
+    odometry = make_odometer("proposed", recording.rig, mount)
+    pose_feed = PoseFeed()  # turns an estimate of the odometry into pose samples
     for sample in recording.samples([f"/{mount}/imu", camera.topic, *INSOLES, camera.depth_topic]):
         if isinstance(sample, Imu | Image | Depth):
             estimate = odometry.update(sample)

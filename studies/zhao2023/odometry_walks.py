@@ -45,6 +45,7 @@ FigureName = Literal[
 ]
 """Names of figures of `OdometryFigures` of which means over walks are taken."""
 FIGURES: tuple[FigureName, ...] = ("loop_drift_m", "ape_rmse_m", "rpe_5m_pct", "height_rmse_m", "climb_error_m")
+"""Those of them that measure drift."""
 
 
 class Odometer(Protocol):
@@ -80,7 +81,7 @@ class OdometryRun:
     """Result of an odometry on a recording.
 
     Attributes:
-        odometry: Its path.
+        odometry: Its path, and where it reports that it is healthy.
         frame_ms: (N,) processing time from one image to the next.
     """
 
@@ -125,7 +126,11 @@ def true_path(recording: Recording, mount: str) -> TruePath:
 
 
 class OdometryFigures(DriftFigures):
-    """Drift and failure of an odometry on one walk, and its time per frame: `mean` and `p99`, ms."""
+    """Drift and failure of an odometry on one walk.
+
+    Attributes:
+        time_ms: Processing time per frame: `mean` and `p99`.
+    """
 
     time_ms: dict[str, float]
 
@@ -136,7 +141,14 @@ def score_odometry(run: OdometryRun, truth: TruePath) -> OdometryFigures:
 
 
 class OdometryRow(CaseRow):
-    """The row of a walk, see `run_case`; a walk of a bench also has the name of its sequence."""
+    """The row of a walk; a walk of a bench also has the name of its sequence.
+
+    Attributes:
+        mount: Body of the camera: head or chest.
+        fell_at_s: When the walker fell; None without a fall.
+        rate_radps: Measured angular rate of this body: `p95` and `max`.
+        methods: Drift, failure and time, by method.
+    """
 
     mount: str
     fell_at_s: float | None
@@ -152,7 +164,7 @@ def run_every_method(
     Args:
         recording: The walk.
         mount: Mount of the camera: head or chest.
-        make: Makes an odometry from its name.
+        make: Makes an odometry from its name, the rig, and the mount.
         further_names: Names of the other estimators.
     """
     truth = true_path(recording, mount)

@@ -15,7 +15,12 @@ from stridetwin.studies.zhao2023.odometry_walks import FIGURES, OdometryFigures,
 
 
 class PaperDrift(TypedDict):
-    """A method's drift in the paper: its norm and x, y, z, m; texts, such as `>10`, where no number is reported."""
+    """A method's drift in the paper; texts, such as `>10`, where no number is reported.
+
+    Attributes:
+        loop_drift_m: Norm of the three, or the first of them if they are texts.
+        loop_drift_xyz_m: Along x, y and z.
+    """
 
     loop_drift_m: float | str
     loop_drift_xyz_m: list[float] | list[str]
@@ -54,7 +59,7 @@ def _drift_over_walks(walks: list[OdometryFigures]) -> Figures:
 
 
 def read_paper_figures() -> dict[str, PaperDrift]:
-    """Table V of the paper by method: drift along x, y and z, and its norm where all three are reported."""
+    """Table V of the paper by method: drift along x, y and z, and its norm, or a text such as `>10` in its place."""
     drift_of_method: dict[str, PaperDrift] = {}
     for method, xyz in read_reference("zhao2023")["zhao_closed_loop_drift_m"].items():
         numbers = [value for value in xyz if isinstance(value, int | float)]

@@ -24,6 +24,7 @@ def check_fault(subject: Subject, case: FaultCase) -> None:
         raise ConformanceError(f"where {case.summary}, {error}: return None for samples that you cannot use") from error
     for one in returned:
         for leaf in one.leaves:
+            # fields that are not finite even without the fault are left to the check of finite values
             if not leaf.is_finite and field_of(leaf) not in subject.fields_not_finite:
                 raise ConformanceError(
                     f"where {case.summary}, {leaf.path or 'the estimate'} at {one.t_ns * 1e-9:.3f} s is not finite: "

@@ -18,7 +18,9 @@ from stridetwin.testing.subject import ConformanceError, Subject, describe, pose
 from stridetwin.testing.walk import missing_roles
 
 _ESTIMATES: dict[str, type] = {STEPS: StepEstimate, TERRAIN: TerrainEstimate, MODES: ModeEstimate}
+"""Type of the estimates by kind; those of paths are checked by `pose_of`."""
 _MAP_METHODS = ("heights", "profile", "ground", "surface_points")
+"""Methods that an estimator of terrain has besides `update`, as `TerrainMap` does."""
 
 
 def check_declaration(subject: Subject) -> None:
@@ -72,7 +74,7 @@ def check_estimates(subject: Subject) -> None:
     kind = subject.estimator_class.declaration.kind
     if not estimates:
         raise ConformanceError("update returned None after every sample of the walk: return an estimate when it is new")
-    if kind == PATH:  # None in place of a pose is valid: nothing is new
+    if kind == PATH:  # valid: a pose, an object whose `pose` is one, or whose `pose` is None because nothing is new
         wrong = next((e for e in estimates if pose_of(e) is None and getattr(e, "pose", e) is not None), None)
         expected = "a stridetwin.streams.trajectory.Pose, or an object whose `pose` is one"
     elif kind in _ESTIMATES:
@@ -93,7 +95,8 @@ def check_estimates(subject: Subject) -> None:
 def check_stamps(subject: Subject) -> None:
     """The time of an estimate is the stamp, in ns, of a sample so far; the stamps of a path increase."""
     samples = subject.walk.samples
-    stamps, fed = set[int](), 0  # stamps of the samples so far, and their number
+    stamps: set[int] = set()  # of the samples so far
+    fed = 0  # number of the samples so far
     newest: dict[str, int] = {}  # stamp of the last pose, by its frame
     for returned in subject.reference:
         stamps.update(sample.t_ns for sample in samples[fed : returned.index + 1])
@@ -161,7 +164,7 @@ def _rejection_message(subject: Subject, rig: Rig, options: Options) -> str | No
         "streams": lambda: estimator_class.streams(rig, options),
         "the constructor": lambda: estimator_class(rig, options=options),
     }
-    message: str | None = None
+    message: str | None = None  # at the end that of the constructor, the last call
     for name, call in calls.items():
         try:
             call()

@@ -44,9 +44,10 @@ def check_bounded_memory(subject: Subject) -> None:
             _feed_pass(estimator, samples, duration_ns, number)
             gc.collect()
             sizes.append((sys.getallocatedblocks(), _count_allocated_bytes()))
-            # (passes, 2) growth of both sizes; the first one is left out, in which windows are filled
+            # (passes - 2, 2) growth of both sizes from pass to pass; that from the first pass to the second is left
+            # out, because windows are still being filled
             growth = np.diff(sizes, axis=0)[1:]
-            # neither objects nor bytes have grown in every pass so far: memory is bounded
+            # neither objects nor bytes have grown by more than `_LEAST_GROWTH` in every pass so far: memory is bounded
             if len(growth) and not (growth > _LEAST_GROWTH).all(axis=0).any():
                 return
     finally:
@@ -85,7 +86,7 @@ def _feed_pass(estimator: AnyEstimator, samples: tuple[Sample, ...], duration_ns
 
 
 def _translation_of_pass(samples: tuple[Sample, ...]) -> Array:
-    """(3,) m, horizontal translation between the first and the last pose; zero without poses."""
+    """(3,) m, horizontal translation from the first pose of the samples to the last one; zero without poses."""
     poses = [sample for sample in samples if isinstance(sample, Odometry)]
     if not poses:
         return np.zeros(3)

@@ -8,14 +8,16 @@ from stridetwin.streams.samples import Array
 from stridetwin.testing.leaves import Leaf
 from stridetwin.testing.subject import ConformanceError, Subject
 
-_SYMMETRY, _EIGENVALUE, _SUM = 1e-6, 1e-9, 1e-6
-"""Tolerances: of symmetry and of the least eigenvalue relative to the largest entry, and of a sum of probabilities."""
+_SYMMETRY = 1e-6  # tolerance of a covariance's symmetry, relative to its largest entry
+_EIGENVALUE = 1e-9  # tolerance of a correlation's least eigenvalue, per row of the matrix
+_SUM = 1e-6  # tolerance of a probability above 1, and of a sum of probabilities
 
 
 def check_finite(subject: Subject) -> None:
     """No estimate on the walk has a NaN or an infinite number."""
     for returned in subject.reference:
         for leaf in returned.leaves:
+            # the numbers of an uncertainty are left to `check_covariance`
             if not _describes_uncertainty(leaf) and not leaf.is_finite:
                 raise ConformanceError(
                     f"{leaf.path or 'the estimate'} at {returned.t_ns * 1e-9:.3f} s is not finite: return None until "
@@ -66,8 +68,8 @@ def _find_covariance_problem(matrix: Array) -> str:
     Args:
         matrix: (N, N).
     """
-    scale = np.abs(matrix).max(initial=0.0)
-    if np.abs(matrix - matrix.T).max(initial=0.0) > _SYMMETRY * scale:
+    largest = np.abs(matrix).max(initial=0.0)
+    if np.abs(matrix - matrix.T).max(initial=0.0) > _SYMMETRY * largest:
         return "is not symmetric: average it with its transpose after each update"
     deviations = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     # the eigenvalues are those of the correlation, which has no units, since metres may stand beside radians; a

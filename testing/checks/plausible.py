@@ -25,6 +25,7 @@ _STEEPEST_RAD, _HIGHEST_M = 0.35, 0.3
 """On level ground, in slope and in height from step to step."""
 _CAMERA_HEIGHT_M = (0.5, 3.0)  # of a head or chest above the ground
 _FARTHEST_STEP_M, _LATEST_STEP_S = 8.0, 10.0  # of a predicted step, from the body and from now
+_STEP_LENGTH_M, _STEP_TIME_S = (0.05, 2.5), (0.1, 5.0)  # of a person: shortest and longest
 
 
 def check_plausible(subject: Subject) -> None:
@@ -163,6 +164,7 @@ def _check_steps(subject: Subject, estimates: list[StepEstimate]) -> None:
             raise ConformanceError(f"{at}: slope is {estimate.slope:.3g} rad on level ground: slopes are in radians")
         if subject.walk.is_twin and abs(estimate.elevation) > _HIGHEST_M:
             raise ConformanceError(f"{at}: elevation is {estimate.elevation:.3g} m on level ground: it is in metres")
+    # numbers of the steps, each once; 0 is standing at the start
     steps, footprints = len({e.step for e in estimates if e.step > 0}), subject.walk.footprints
     if footprints and not footprints / _FACTOR <= steps <= footprints * _FACTOR:
         raise ConformanceError(f"{steps} steps where the walk has {footprints}: each step has a number of its own")
@@ -209,7 +211,8 @@ def _check_modes(estimate: ModeEstimate) -> None:
         ConformanceError: They are not.
     """
     at = f"the prediction at {estimate.t_ns * 1e-9:.3f} s"
-    if not 0.05 < estimate.step_length < 2.5 or not 0.1 < estimate.step_time < 5.0:
+    (shortest_m, longest_m), (shortest_s, longest_s) = _STEP_LENGTH_M, _STEP_TIME_S
+    if not shortest_m < estimate.step_length < longest_m or not shortest_s < estimate.step_time < longest_s:
         raise ConformanceError(
             f"{at}: a step of {estimate.step_length:.3g} m in {estimate.step_time:.3g} s: expected metres and seconds"
         )

@@ -68,10 +68,10 @@ def check_follow(subject: Subject) -> None:
         raise skip("the estimator has no follow")
     walk = subject.walk
     try:
-        paths: list[PathEstimate] = follow(walk.recording, walk.options, None)
+        paths: list[PathEstimate] = follow(walk.recording, walk.options, None)  # None: without progress
     except Exception as error:
         raise ConformanceError(f"follow raised {describe(error)}") from error
-    poses: dict[str, list[Pose]] = {}
+    poses: dict[str, list[Pose]] = {}  # those of `update`, by frame
     for returned in subject.reference:
         if (pose := pose_of(returned.estimate)) is not None:
             poses.setdefault(pose.frame, []).append(pose)
