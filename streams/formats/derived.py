@@ -104,6 +104,7 @@ def _differentiate(t_ns: Stamps, p: Array, attitude: Rotation) -> Array:
 
 _LEAST_SHARE = 0.95
 """Share of the rates that must lie within the forces' time without a warning."""
+_SLACK_PERIODS = 3
 _GYRO = re.compile(r"gyro(?:scope)?(?:/sample)?|angular_(?:velocity|rate)", re.IGNORECASE)
 """What the topic of a stream of rates has in place of `accel` in that of the forces; RealSense adds `/sample`."""
 _PAIRS = (
@@ -170,13 +171,16 @@ def check_overlap(gyro_name: str, gyro_ns: Stamps, accel_name: str, accel_ns: St
         return False
     first, last = int(accel_ns.min()), int(accel_ns.max())
     share = float(np.mean((gyro_ns >= first) & (gyro_ns <= last)))  # of the rates that have forces
+    # forces may begin and end some of their periods later and earlier than the rates
+    slack = _SLACK_PERIODS * (last - first) / max(1, len(accel_ns) - 1)
+    is_covered = int(gyro_ns.min()) >= first - slack and int(gyro_ns.max()) <= last + slack
     spans = f"stamps from {_span_text(gyro_ns)}, those of {accel_name} from {_span_text(accel_ns)}"
     if share == 0.0:
         apart = "they do not overlap, so that rates and forces cannot be joined"
         what = f"{spans}: {apart}: expected stamps of one clock; record both with one driver, or correct one of them"
         notes.add_problem(Problem(gyro_name, None, what))
         return False
-    if share < _LEAST_SHARE:
+    if share < _LEAST_SHARE and not is_covered:
         notes.warn(f"{gyro_name}: {spans}; {1 - share:.0%} of the rates have no forces and are left out")
     return True
 

@@ -127,9 +127,9 @@ def _to_imu_block(path: Path, sensor: str, parts: Mapping[str, TablePart], notes
             columns = {_COLUMNS[part.quantity]: part.values}
             single: Block[Imu] = Block(topic=name, kind=Imu, t_ns=_to_nanoseconds(part.t), columns=columns)
             blocks.append(bridge_gaps(f"{name} ({part.quantity})", single, notes))
-        check_overlap(f"{name} ({GYRO})", blocks[0].t_ns, f"{name} ({ACCEL})", blocks[1].t_ns, notes)
         block = join_at_gyro_stamps(name, *blocks)
         notes.warn(f"{name}: forces and rates are joined, the force interpolated to the stamps of the rate")
+        check_overlap(f"{name} ({GYRO})", blocks[0].t_ns, f"{name} ({ACCEL})", blocks[1].t_ns, notes)
         if len(block) < MIN_ROWS:
             raise ConfigError(path, "stamps of forces and rates", f"{len(block)} in common", "stamps of one clock")
     for implausible in find_implausible_values(block):  # the first one is the error

@@ -79,6 +79,9 @@ def read_openloris(path: Path, notes: Notes, per_metre: float = PER_METRE) -> So
     Raises:
         StrideTwinError: A file cannot be read or a value in it is invalid, unless lenient.
     """
+    if not is_openloris(path):
+        valid = "a folder of OpenLORIS-Scene"
+        raise ConfigError(path, "", f"no {ALIGNED}.txt and no IMU of {' or '.join(_DEVICES)}", valid)
     depth = ALIGNED if (path / f"{ALIGNED}.txt").is_file() else DEPTH
     images: dict[str, ImageStream] = {}
     for name, scale in ((COLOR, None), (depth, per_metre)):
