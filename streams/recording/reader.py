@@ -20,7 +20,7 @@ from stridetwin.streams.recording.recording_schema import RIG_NAME
 from stridetwin.streams.recording.writer import RecordingWriter
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Accelerometer, Block, Depth, Image, Imu, Sample, Stamps
-from stridetwin.streams.segments import side_of
+from stridetwin.streams.segments import segment_of, side_of
 
 if TYPE_CHECKING:
     import pandas
@@ -245,9 +245,11 @@ class Recording:
         """
         kind = _KIND_OF.get(topic.rpartition("/")[2])  # by what the sensor is, such as `imu`
         alike = [t for t, info in sorted(self.topics.items()) if info.kind is kind and not t.startswith("/truth/")]
+        # a sensor that is named as that of another part of the body, such as the pelvis, is none of a foot
+        side, segment = side_of(topic), segment_of(topic)
+        alike = [t for t in alike if not side or segment_of(t) in ("", "head", "foot", segment)]
         if self.schema_version or not alike:
             return ""
-        side = side_of(topic)
         alike.sort(key=lambda name: side_of(name.lower()) != side)
         wanted = f"/{topic.lstrip('/')}"
         return f"; if {alike[0]} is that sensor: --map {alike[0]}={wanted}"
