@@ -215,6 +215,8 @@ class McapBag:
             if text:
                 self._ros1_names[record.topic] = name
                 return Channel(record.topic, name, "ros2msg", text)
+        if record.message_encoding == "cdr" and not text and name in typestore().fielddefs:
+            return Channel(record.topic, name, "ros2msg", definition(name))  # a standard type without its definition
         if record.message_encoding != "cdr" or schema is None:
             name = f"{name or 'unknown type'} in {record.message_encoding or 'unknown encoding'}"
         return Channel(record.topic, name, encoding, text)

@@ -78,6 +78,12 @@ def test_other_encodings_are_named(tmp_path, encoding):
     assert Recording(file, lenient=True).unread == {"/foot_l/imu": f"foxglove.Imu in {encoding}"}
 
 
+def test_a_standard_type_without_its_definition(tmp_path):
+    message = bytes(STORE.serialize_cdr(still_imu(1)[0][1], IMU_TYPE))
+    recording = open_any(mcap_of(tmp_path / "a.mcap", "cdr", message, count=1))
+    assert recording.topics["/foot_l/imu"].count == 1
+
+
 def test_a_bag_without_sensors_says_what_it_has(tmp_path):
     text = STORE.types["std_msgs/msg/String"]("hello")
     streams = {"/chatter": ("std_msgs/msg/String", [(START_NS, text)]), "/imu": (IMU_TYPE, [])}
