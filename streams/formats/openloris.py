@@ -111,6 +111,8 @@ def _read_inertial(path: Path, device: str, notes: Notes) -> dict[str, Block[Sam
     names = f"{device}_gyroscope.txt", f"{device}_accelerometer.txt"
     rates, forces = (_read_vectors(path / name, notes) for name in names)
     if forces is None or not len(forces[0]):
+        if rates is not None:
+            notes.warn(f"{names[0]} is not read: there are no forces in {names[1]}")
         return {}
     columns = {"specific_force": forces[1]}
     accel: Block[Sample] = Block(topic=ACCELEROMETER, kind=Accelerometer, t_ns=forces[0], columns=columns)
