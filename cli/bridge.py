@@ -57,7 +57,7 @@ def send_command(arguments: SendOptions, progress: Progress) -> Outcome:
     recording = open_source(arguments)
     topics = arguments.topic or [t for t in recording.topics if not t.startswith(TRUTH_PREFIX)]
     if missing := [t for t in topics if t not in recording.topics]:
-        raise RecordingError(f"{recording.path}: no topic {missing[0]!r}; it has {', '.join(sorted(recording.topics))}")
+        raise RecordingError(f"{recording.path}: no topic {missing[0]!r}; {recording.describe_topics()}")
     if not topics:
         raise RecordingError(f"{recording.path}: nothing to send")
     rig = recording.rig if recording.has_rig else Rig()

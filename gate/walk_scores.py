@@ -202,7 +202,8 @@ def _evaluate_installed(recording: Recording, job: ScoringJob, progress: Progres
     if not has_any:
         declarations = [e.declaration for name, e in estimators().items() if job.only is None or name in job.only]
         needs = ", or ".join(declaration.needs for declaration in declarations if declaration.needs)
-        raise StrideTwinError(f"{job.path}: no estimator can run: expected a recording with {needs}")
+        contents = recording.describe_topics()
+        raise StrideTwinError(f"{job.path}: no estimator can run: expected a recording with {needs}; {contents}")
 
 
 def _record_failure(job: ScoringJob, failed: dict[str, str], name: str, error: Exception) -> None:

@@ -141,7 +141,8 @@ def check_topics(instance: Instance, recording: Recording) -> None:
         # advice to give another topic the missing name, for the first topic that has such advice
         hint = next(filter(None, map(recording.map_hint, missing)), "")
         name = instance.declaration.name
-        raise RecordingError(f"{recording.path}: no topic {', '.join(missing)}: {name} needs it{hint}")
+        contents = recording.describe_topics()
+        raise RecordingError(f"{recording.path}: no topic {', '.join(missing)}: {name} needs it; {contents}{hint}")
 
 
 def start(instance: Instance, recording: Recording) -> tuple[AnyEstimator, Iterator[Sample]]:

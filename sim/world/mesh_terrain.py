@@ -2,102 +2,29 @@
 
 The mesh is cut along five parallel lines. On the middle one, height steps are risers, and straight lines between them
 are levels or ramps (Douglas-Peucker); equal treads in a row become stairs. The layout of these segments is compared
-with the mesh over the whole width of the way; a mesh that differs too much is rejected. Mesh files are `.stl`, `.obj`
-or `.ply`, up to a size limit; materials are ignored.
+with the mesh over the whole width of the way; a mesh that differs too much is rejected. Errors give the mesh's size
+and, if there is one, another unit, axis, start or direction that gives a way.
 """
 
 from __future__ import annotations
 
-import io
 import math
-import re
-from dataclasses import dataclass
-from itertools import pairwise
-from pathlib import Path
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise, product
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field
+from pydantic import Discriminator, Field, Tag
 
 from stridetwin.sim.config import Level, Ramp, Route, Stairs
+from stridetwin.sim.world.mesh_files import GLTF_SUFFIXES, read_triangles
 from stridetwin.sim.world.route_checks import MAX_RAMP_RAD, MIN_TREAD_M, RISER_RANGE_M
-from stridetwin.streams.bounded import read_bytes
-from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.fields import DEGREES, InputFile, Number, OneOf
+from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.fields import DEGREES, InputFile, Number, OneOf, ReadAs
 from stridetwin.streams.samples import Array
 
-MOST_TRIANGLES = 100_000
-_LARGEST_FILE = 32 << 20  # bytes
 _FARTHEST_M = 1000.0  # largest coordinate
-_SUFFIXES = (".stl", ".obj", ".ply")
-
-
-def read_triangles(path: Path, scale: float) -> Array:
-    """(T, 3, 3) m, corners of the triangles of a mesh whose unit is `scale` metres.
-
-    Raises:
-        ConfigError: Another kind of file, one that is too large, or one with invalid coordinates.
-        StrideTwinError: The file cannot be read.
-    """
-    import trimesh  # slow to import
-
-    kind = path.suffix.lower()
-    if kind not in _SUFFIXES:
-        raise ConfigError(path, "mesh", path.suffix, ", ".join(_SUFFIXES))
-    try:
-        data = read_bytes(path, _LARGEST_FILE)
-        _check_declared(path, kind, data)
-        # one mesh of all parts, unchanged, without reading other files; only the OBJ reader knows of materials
-        mesh: Any = trimesh.load(
-            io.BytesIO(data),
-            file_type=kind[1:],
-            process=False,
-            force="mesh",
-            resolver=None,
-            **({"skip_materials": True} if kind == ".obj" else {}),
-        )
-        corners: Array = scale * np.asarray(mesh.triangles, dtype=np.float64)
-    except OSError as error:
-        raise StrideTwinError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except StrideTwinError:
-        raise
-    except Exception as error:  # the parsers do not validate their input
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise StrideTwinError(f"{path}: no {kind[1:].upper()} mesh: {reason[:200]}") from error
-    if not 0 < len(corners) <= MOST_TRIANGLES:
-        raise ConfigError(path, "triangles", len(corners), f"1-{MOST_TRIANGLES}")
-    if not np.all(np.abs(corners) < _FARTHEST_M):
-        raise ConfigError(path, "coordinates", "NaN or far away", f"numbers within {_FARTHEST_M:g} m (unit: mm?)")
-    return corners
-
-
-def _check_declared(path: Path, kind: str, data: bytes) -> None:
-    """Rejects a mesh file that declares or has too many elements, before a parser allocates memory for them.
-
-    Args:
-        path: The file, for messages.
-        kind: `.stl`, `.ply` or `.obj`.
-        data: Its content.
-
-    Raises:
-        ConfigError: More elements than are accepted, or than the file can hold.
-    """
-    most = MOST_TRIANGLES
-    # binary STL: a header of 80 bytes, the number of triangles, and 50 bytes for each; text STL begins with `solid`
-    if kind == ".stl" and not data[:512].lstrip().startswith(b"solid"):
-        count = int.from_bytes(data[80:84], "little")
-        if count > most or len(data) < 84 + 50 * count:
-            raise ConfigError(path, "triangles declared", count, f"up to {most}, as many as there are")
-    elif kind == ".ply":
-        # numbers of vertices, faces and other elements in the header, which is empty if its end is missing; no mesh
-        # needs ten vertices per triangle
-        head = data[: data.find(b"end_header") + 1][:20_000]
-        counts = [int(n) for n in re.findall(rb"element\s+\w+\s+(\d{1,18})", head)]
-        if not counts or max(counts) > 10 * most or sum(counts) > len(data):
-            raise ConfigError(path, "elements declared", counts, f"up to {10 * most}, as many as there are")
-    # OBJ and text STL: faces begin with `f` and `facet`; no triangle needs as many as 40 lines
-    elif data.count(b"\nf ") > most or data.count(b"\nfacet") > most or data.count(b"\n") > 40 * most:
-        raise ConfigError(path, "lines", data.count(b"\n"), f"a mesh of up to {most} triangles")
 
 
 # How a profile is divided into levels, ramps and stairs; chosen by hand for meshes with errors of millimetres.
@@ -115,6 +42,12 @@ _MIN_HALF_WAY_M = 0.5  # half of the shortest way
 _ROWS: tuple[float, ...] = (-0.9, -0.45, 0.0, 0.45, 0.9)  # lines along the way, in half widths from its middle
 MeshSegment = Level | Ramp | Stairs
 _Start = Annotated[Number, Field(ge=-1000, le=1000)]
+_UNITS = {"m": 1.0, "mm": 1e-3, "cm": 0.01, "in": 0.0254, "inch": 0.0254, "ft": 0.3048}
+"""Metres per unit of a mesh, by the unit's name in a file."""
+_Unit = Annotated[
+    Annotated[Any, OneOf(_UNITS), Tag("=name")] | Annotated[Number, Field(gt=0, le=1000), Tag("=metres")],
+    Discriminator(lambda node: "=name" if isinstance(node, str) else "=metres"),
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,19 +58,24 @@ class MeshWay:
 
     Attributes:
         path: The mesh.
-        scale: Metres per unit of the mesh.
-        up: `z` or `y`, the axis that points up.
+        scale: Metres per unit of the mesh: m, cm, mm, in, inch, ft, or a number.
+        up: `z` or `y`, the axis that points up; by default `y` for glTF, whose format says so, else `z`.
         start_m: Start of the way, in the plane across that axis.
         heading_rad: Its direction there.
         length_m: Length of the way; None for the rest of the mesh.
     """
 
     path: Annotated[InputFile, Field(alias="file")]
-    scale: Annotated[float, OneOf({"m": 1.0, "mm": 1e-3}), Field(alias="unit")] = 1.0
-    up: Annotated[str, OneOf(("z", "y"))] = "z"
+    scale: Annotated[float, ReadAs(_Unit), Field(alias="unit")] = 1.0
+    up: Annotated[str | None, OneOf(("z", "y"))] = None
     start_m: tuple[_Start, _Start] = (0.0, 0.0)
     heading_rad: Annotated[Number, Field(ge=-360, le=360, alias="heading_deg"), DEGREES] = 0.0
     length_m: Annotated[Number | None, Field(ge=1, le=500)] = None
+
+    @property
+    def vertical_axis(self) -> str:
+        """The axis of the mesh that points up, `z` or `y`."""
+        return self.up or ("y" if self.path.suffix.lower() in GLTF_SUFFIXES else "z")
 
 
 def mesh_terrain(way: MeshWay, width_m: float) -> tuple[tuple[MeshSegment, ...], str]:
@@ -151,7 +89,28 @@ def mesh_terrain(way: MeshWay, width_m: float) -> tuple[tuple[MeshSegment, ...],
         ConfigError: The mesh cannot be read, walked, or replaced closely enough; the message says where and why.
         StrideTwinError: The file cannot be read.
     """
-    corners = _to_way_frame(read_triangles(way.path, way.scale), way)
+    triangles = read_triangles(way.path)
+    try:
+        return _replace_mesh(triangles, way, width_m)
+    except ConfigError as error:
+        advice = _describe_place(triangles, way, width_m)
+        raise ConfigError(error.source, error.field, error.value, f"{error.valid}; {advice}") from error
+
+
+def _replace_mesh(triangles: Array, way: MeshWay, width_m: float) -> tuple[tuple[MeshSegment, ...], str]:
+    """Segments that replace a mesh along a way of a width, and a summary of the replacement and its error in words.
+
+    Args:
+        triangles: (T, 3, 3) corners, in the unit and axes of the file.
+        way: Where the way is on the mesh.
+        width_m: Width of the way.
+
+    Raises:
+        ConfigError: The mesh cannot be walked, or replaced closely enough; the message says where and why.
+    """
+    corners = _to_way_frame(way.scale * triangles, way)
+    if not np.all(np.abs(corners) < _FARTHEST_M):
+        raise ConfigError(way.path, "coordinates", "far away", f"numbers within {_FARTHEST_M:g} m")
     length = way.length_m or float(corners[:, :, 0].max()) - _SAMPLE_M
     if not 2 * _MIN_HALF_WAY_M < length < 500.0:
         raise ConfigError(way.path, "length of the way", round(length, 3), f"{2 * _MIN_HALF_WAY_M:g}-500 m")
@@ -171,10 +130,88 @@ def mesh_terrain(way: MeshWay, width_m: float) -> tuple[tuple[MeshSegment, ...],
     return segments, summary
 
 
+# Which other ways are tried on a mesh without a way, for the message.
+_MOST_TRIED_TRIANGLES = 20_000
+_LONGEST_TRIED_M = 60.0
+_TRIED_UNITS = ("m", "cm", "mm", "in")
+_INSET_M = 0.01  # of a start from the edge of the mesh
+
+
+def _describe_place(triangles: Array, way: MeshWay, width_m: float) -> str:
+    """The size and place of a mesh, the keys that say how it lies, and values of them that give a way.
+
+    Args:
+        triangles: (T, 3, 3) corners, in the unit and axes of the file.
+        way: The way that the mesh lacks.
+        width_m: Width of the way.
+    """
+    low, high = way.scale * triangles.min((0, 1)), way.scale * triangles.max((0, 1))
+    size = " x ".join(f"{v:.4g}" for v in high - low)
+    place = ", ".join(f"{a:.4g} to {b:.4g}" for a, b in zip(low, high))
+    keys = "`up: y` or `up: z`, `unit` (m, cm, mm, in, or metres per unit), `start_m` and `heading_deg` say how it lies"
+    other_way = next(_find_ways(triangles, way, width_m), "")
+    advice = (
+        f"there is a way with {other_way}" if other_way else f"there is no way of `width_m: {width_m:g}` with others"
+    )
+    reading = f"with up: {way.vertical_axis} and a unit of {way.scale:g} m"
+    return f"the mesh is {size} m along its x, y, z ({place}), {reading}; {keys}: {advice}"
+
+
+def _find_ways(triangles: Array, way: MeshWay, width_m: float) -> Iterator[str]:
+    """Yields the keys and values of a scenario that give a way where the user's do not, those nearest to them first.
+
+    Args:
+        triangles: (T, 3, 3) corners, in the unit and axes of the file.
+        way: The way that the mesh lacks.
+        width_m: Width of the way.
+    """
+    if len(triangles) > _MOST_TRIED_TRIANGLES:
+        return
+    ups = sorted(("z", "y"), key=lambda up: up != way.vertical_axis)
+    units = sorted(_TRIED_UNITS, key=lambda unit: _UNITS[unit] != way.scale)
+    lying = [replace(way, up=up, scale=_UNITS[unit]) for unit, up in product(units, ups)]
+    started = [start for lie in lying for start in _start_at_edges(triangles, lie)]
+    for other_way in (*lying, *started):
+        corners = _to_way_frame(other_way.scale * triangles, other_way)
+        if not 1.0 <= np.ptp(corners[:, :, 0]) <= _LONGEST_TRIED_M or np.ptp(corners[:, :, 1]) < width_m:
+            continue
+        try:
+            _replace_mesh(triangles, other_way, width_m)
+        except ConfigError:
+            continue
+        yield _describe_keys(other_way, way)
+
+
+def _start_at_edges(triangles: Array, way: MeshWay) -> Iterator[MeshWay]:
+    """Yields ways across the whole mesh: from the middle of each of its four edges to the opposite one."""
+    flat = replace(way, start_m=(0.0, 0.0), heading_rad=0.0)
+    corners = _to_way_frame(way.scale * triangles, flat)[:, :, :2]
+    low, high = corners.min((0, 1)), corners.max((0, 1))
+    middle = 0.5 * (low + high)
+    for axis, sign in product((0, 1), (1, -1)):
+        start = middle.copy()
+        start[axis] = low[axis] + _INSET_M if sign > 0 else high[axis] - _INSET_M
+        place = (round(float(start[0]), 3), round(float(start[1]), 3))
+        heading = math.atan2(*(sign * (axis == k) for k in (1, 0)))
+        yield replace(way, start_m=place, heading_rad=heading, length_m=None)
+
+
+def _describe_keys(way: MeshWay, given: MeshWay) -> str:
+    """The keys and values of a scenario in which a way differs from the given one."""
+    unit = next(name for name, scale in _UNITS.items() if scale == way.scale)
+    texts = {
+        f"`up: {way.vertical_axis}`": way.vertical_axis != given.vertical_axis,
+        f"`unit: {unit}`": way.scale != given.scale,
+        f"`start_m: [{way.start_m[0]:g}, {way.start_m[1]:g}]`": way.start_m != given.start_m,
+        f"`heading_deg: {math.degrees(way.heading_rad):g}`": way.heading_rad != given.heading_rad,
+    }
+    return ", ".join(text for text, differs in texts.items() if differs)
+
+
 def _to_way_frame(corners: Array, way: MeshWay) -> Array:
     """(T, 3, 3) m, triangles in a frame with its origin at the start of the way, x along it, y to its left and z up."""
     x, y, z = np.moveaxis(corners, -1, 0)
-    if way.up == "y":  # rotated about x by 90 degrees
+    if way.vertical_axis == "y":  # rotated about x by 90 degrees
         y, z = -z, y
     cos, sin = math.cos(way.heading_rad), math.sin(way.heading_rad)
     dx, dy = x - way.start_m[0], y - way.start_m[1]  # from the start of the way

@@ -16,9 +16,12 @@ from stridetwin.streams.recording.imported import ImageStream
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Block, Depth, Image, Imu, Sample, Stamps
+from stridetwin.streams.segments import segment_of
 
 BODY = "head"
 """Body of a sensor whose topic does not imply another one."""
+_PLACES = (BODY, "exo", "truth")
+"""Beginnings of our own topics whose sensors are on the head or have a calibration that knows their body."""
 GIVE = "give one with --rig FILE (Kalibr YAML)"
 """What a warning of an assumed calibration recommends."""
 # Bosch BMI055, a common consumer part: 0.014 °/s/√Hz and 150 µg/√Hz; biases that vary by their in-run instability
@@ -76,11 +79,19 @@ def with_assumed_calibration(
 
 
 def body_of(topic: str) -> str:
-    """Body that carries the sensor of a topic: `foot_l` of `/foot_l/imu`, the torso of `/chest/...`, else the head."""
+    """Body that carries the sensor of a topic.
+
+    Returns:
+        `foot_l` of `/foot_l/imu`, the torso of `/chest/...`, the head of `/head/...` and of topics that tell no part of
+        the body, and the part itself of others, such as `pelvis` of `/xsens/pelvis/imu`.
+    """
     first = topic.strip("/").split("/")[0]
     if first == "chest":
         return "torso"
-    return first if first.startswith("foot_") else BODY
+    if first.startswith("foot_"):
+        return first
+    segment = BODY if first in _PLACES else segment_of(topic)
+    return segment if segment not in ("", "chest", "foot") and not segment.startswith("foot_") else BODY
 
 
 def read_first_image_size(images: ImageStream) -> tuple[int, int] | None:

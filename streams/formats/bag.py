@@ -8,12 +8,13 @@ ground truth from poses named as truth (PoseStamped, PoseWithCovarianceStamped, 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
+from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.formats.bag_calibration import CALIBRATIONS, TRANSFORMS, BagCalibration
 from stridetwin.streams.formats.derived import imu_name, join_gyro_and_accel, to_odometry
 from stridetwin.streams.recording.imported import ImageStream, Source
@@ -22,15 +23,24 @@ from stridetwin.streams.recording.mcap_scan import Messages
 from stridetwin.streams.recording.ros_types import Definitions, RosMessage, deserialise, typestore_for
 from stridetwin.streams.recording.topic_reader import READABLE, SHORTEST_HEADER, TopicReader, read_header_stamp
 from stridetwin.streams.samples import Accelerometer, Block, Depth, Image, Imu, Odometry, Sample
+from stridetwin.streams.segments import segment_of, side_of
 
-# names of topics: our own; those of foot sensors, of a side, of ground truth (the last four in lower case)
+# names of topics: our own, and those of ground truth (in lower case)
 OURS = re.compile(r"/(head|chest|foot_[lr]|exo|truth)/.+")
-_FOOT = re.compile(r"foot|shoe|ankle|heel|insole")
-_LEFT, _RIGHT = re.compile(r"left|(?<![a-z])l(?![a-z])"), re.compile(r"right|(?<![a-z])r(?![a-z])")
 _TRUE = re.compile(r"ground_?truth|(?<![a-z])gt(?![a-z])|vicon|mocap|optitrack|qualisys|truth")
 # names of the topics that are preferred as the head's camera, in order; the empty pattern at the end matches any
 _COLOUR = (re.compile(r"color|colour|rgb"), re.compile(r"cam_?0|left"), re.compile(r""))
 _DEPTH = (re.compile(r"aligned|registered"), re.compile(r""))
+_ANY = (re.compile(r""),)
+_FOOT_SENSORS: Mapping[type[Sample], str] = {Imu: "imu", Image: "camera"}
+"""Our name of a foot's sensor, by the kind of its samples."""
+_PLACE_SENSORS: Mapping[type[Sample], tuple[str, tuple[re.Pattern[str], ...]]] = {
+    Imu: ("imu", _ANY),
+    Accelerometer: ("accelerometer", _ANY),
+    Image: ("color", _COLOUR),
+    Depth: ("depth", _DEPTH),
+}
+"""Our name of a sensor of the head or chest, and the names of topics that are preferred as it, by kind."""
 _DEPTH_UNITS = re.compile(r"(.*)/option/Depth_Units/value")
 """Topic with the metres per unit of the depth images of a sensor, in RealSense's own files."""
 _INFRARED = re.compile(r"infra|(?<![a-z])ir(?![a-z])")
@@ -44,9 +54,10 @@ def assign_bag_topics(kinds: Mapping[str, type[Sample]]) -> dict[str, str]:
         kinds: Kind of samples by topic, in the order of the bag.
 
     Returns:
-        Foot IMUs and cameras by "left" or "right" together with "foot", "shoe" or "ankle"; the first other IMU, colour
-        camera and depth camera become those of the head; a pose named as truth becomes the head's. Topics that already
-        have our names, or have no counterpart, are omitted and keep their names.
+        IMUs and cameras whose names tell a foot with its side, the chest or the head (`segment_of`) become those of
+        that part. The first IMU, colour camera and depth camera whose name tells no part of the body become those of
+        the head, unless one is named so; a pose named as truth becomes the head's. Topics that already have our names,
+        or have no counterpart, such as the IMU of a pelvis, are omitted and keep their names.
     """
     taken = {t for t in kinds if OURS.fullmatch(t)}  # our topics that a stream has or is given
     names: dict[str, str] = {}
@@ -57,33 +68,41 @@ def assign_bag_topics(kinds: Mapping[str, type[Sample]]) -> dict[str, str]:
             names[topic] = ours
             taken.add(ours)
 
-    foreign_topics = [t for t in kinds if t not in taken]
-    for topic in foreign_topics:
-        if _FOOT.search(topic.lower()) and (side := side_of(topic.lower())):
-            sensor = {Imu: "imu", Image: "camera"}.get(kinds[topic])
-            if sensor:
-                assign(topic, f"/foot_{side}/{sensor}")
-    head_topics = [t for t in foreign_topics if t not in names and not _FOOT.search(t.lower())]
-    for kind, ours, patterns in (  # `patterns`: of names that are preferred, in order
-        (Imu, "/head/imu", (re.compile(r""),)),
-        (Accelerometer, "/head/accelerometer", (re.compile(r""),)),
-        (Image, "/head/color", _COLOUR),
-        (Depth, "/head/depth", _DEPTH),
-    ):
-        candidates = [t for t in head_topics if kinds[t] is kind and not _INFRARED.search(t.lower())]
-        first = next((t for p in patterns for t in candidates if p.search(t.lower())), None)
-        if first is not None:
-            assign(first, ours)
-    true = next((t for t in head_topics if kinds[t] is Odometry and _TRUE.search(t.lower())), None)
+    foreign_topics = {t: segment_of(t) for t in kinds if t not in taken}  # with the part of the body that each tells
+    for topic, segment in foreign_topics.items():
+        sensor = _FOOT_SENSORS.get(kinds[topic])
+        if segment in ("foot_l", "foot_r") and sensor:
+            assign(topic, f"/{segment}/{sensor}")
+    for place, segments in (("chest", ("chest",)), ("head", ("head", ""))):  # the preferred segment first
+        for kind, (sensor, patterns) in _PLACE_SENSORS.items():
+            candidates = [
+                t
+                for segment in segments
+                for t in foreign_topics
+                if foreign_topics[t] == segment and kinds[t] is kind and not _is_no_candidate(t, kind)
+            ]
+            first = next((t for p in patterns for t in candidates if p.search(t.lower())), None)
+            if first is not None:
+                assign(first, f"/{place}/{sensor}")
+    true = next((t for t, segment in foreign_topics.items() if kinds[t] is Odometry and _is_truth(t, segment)), None)
     if true is not None:
         assign(true, "/truth/head/odometry")
     return names
 
 
-def side_of(topic: str) -> str:
-    """Side that a name in lower case contains, `l` or `r`; "" for none or both."""
-    left, right = bool(_LEFT.search(topic)), bool(_RIGHT.search(topic))
-    return "" if left == right else "l" if left else "r"
+def _is_no_candidate(topic: str, kind: type[Sample]) -> bool:
+    """Whether a topic names an infrared camera, or an IMU of one side, which is neither the head's nor the chest's."""
+    return bool(_INFRARED.search(topic.lower())) or (kind is Imu and side_of(topic.lower()) != "")
+
+
+def _is_truth(topic: str, segment: str) -> bool:
+    """Whether a topic of poses is named as a true path, and not as that of another part of the body than the head.
+
+    Args:
+        topic: The topic.
+        segment: Part of the body that it tells.
+    """
+    return bool(_TRUE.search(topic.lower())) and segment in ("", "head")
 
 
 POSES = frozenset(
@@ -145,6 +164,16 @@ class Bag(Protocol[KeyT]):
         """CDR bytes of one message, read again."""
 
 
+_AFTER_STAMP = 12
+"""Bytes of a message with a header before the name of its frame: those of its encapsulation and stamp."""
+_MOST_CALIBRATIONS = 1000
+"""Most messages with a camera's intrinsics that are compared."""
+_MOST_LISTED = 12
+"""Most topics that an error lists."""
+_WANTED = "sensor_msgs/msg/Imu, Image, CompressedImage or JointState, nav_msgs/msg/Odometry or poses"
+"""What an error about a bag without samples expects."""
+_CONVERT = "convert it to ROS 2 messages first (such as rosbags-convert, or `ros2 bag convert`)"
+"""What to do with messages of another encoding."""
 _FLOAT, _MILLIMETRE = "std_msgs/msg/Float32", 0.001
 """Type of the messages with RealSense's depth units, and the unit of depth images in m, unless another one is given."""
 
@@ -236,16 +265,60 @@ def read_bag(bag: Bag[KeyT], kind: str, notes: Notes) -> Source:
     frames |= {
         imu_name(topic): frame for topic, frame in frames.items() if topic not in blocks and imu_name(topic) in blocks
     }
-    kinds = {topic: block.kind for topic, block in blocks.items()}
+    kinds: dict[str, type[Sample]] = {topic: block.kind for topic, block in blocks.items()}
+    kinds |= {topic: stream.kind for topic, stream in images.items()}
+    if not any(map(len, blocks.values())) and not images and not notes.problems:
+        raise _no_sample_error(bag.channels, streams, notes)
+    names = assign_bag_topics(kinds)
+    _report_choice_of_imu(kinds, names, notes)
     return Source(
         kind=kind,
         blocks=blocks,
         images=images,
         rig=calibration.build_rig(blocks, images, frames),
         unread=unread,
-        names=assign_bag_topics(kinds | {topic: stream.kind for topic, stream in images.items()}),
+        names=names,
         assumed=calibration.assumed,
     )
+
+
+def _no_sample_error(channels: Sequence[Channel], streams: Mapping[str, _Stream[KeyT]], notes: Notes) -> RecordingError:
+    """The error to raise about a bag without a sample: what it has, what is missing, and what to do.
+
+    Args:
+        channels: All streams of the bag.
+        streams: Those of types that are read, with their messages.
+        notes: Has the path of the bag.
+    """
+    texts = []
+    for channel in sorted(channels, key=lambda c: c.topic):
+        stream = streams.get(channel.topic)
+        count = "" if stream is None else f", {len(stream.times) or 'no'} messages"
+        texts.append(f"{channel.topic} ({channel.typename}{count})")
+    more = [f"and {len(texts) - _MOST_LISTED} more"] if len(texts) > _MOST_LISTED else []
+    contents = ", ".join([*texts[:_MOST_LISTED], *more]) or "no topic"
+    is_encoding_read = all(" in " not in channel.typename for channel in channels)
+    advice = "record the topics of the sensors as well" if is_encoding_read else _CONVERT
+    return RecordingError(
+        f"{notes.path}: no readable sample: expected messages of {_WANTED} in CDR or ROS 1; it has {contents}; {advice}"
+    )
+
+
+def _report_choice_of_imu(kinds: Mapping[str, type[Sample]], names: Mapping[str, str], notes: Notes) -> None:
+    """Warns if the IMU that becomes the head's is the first of several whose names tell no part of the body.
+
+    Args:
+        kinds: Kind of samples by topic.
+        names: Our topic of each topic that has one.
+        notes: Collects the warning.
+    """
+    foreign_imus = [t for t, kind in kinds.items() if kind is Imu and not OURS.fullmatch(t)]
+    unknown = [t for t in foreign_imus if not segment_of(t) and not _is_no_candidate(t, Imu)]
+    first = next((t for t in unknown if names.get(t) == "/head/imu"), None)
+    if first is not None and len(unknown) > 1:
+        notes.warn(
+            f"{first} is taken as /head/imu, of {', '.join(unknown)}; to choose another one: --map TOPIC=/head/imu"
+        )
 
 
 def _open_streams(bag: Bag[KeyT], notes: Notes) -> tuple[dict[str, _Stream[KeyT]], dict[str, str]]:
@@ -342,7 +415,10 @@ def _read_calibration_or_poses(
     store = typestore_for(c.typename, c.encoding, c.definition)
     try:
         if c.typename in CALIBRATIONS:
-            calibration.add_camera_info(c.topic, deserialise(store, stream.payloads[0], c.typename))
+            # those that differ in more than the stamp, which is in the bytes before `_AFTER_STAMP`
+            distinct = list({payload[_AFTER_STAMP:]: payload for payload in reversed(stream.payloads)}.values())[::-1]
+            step = 1 + len(distinct) // _MOST_CALIBRATIONS
+            calibration.add_camera_info(c.topic, *(deserialise(store, p, c.typename) for p in distinct[::step]))
         elif c.typename in TRANSFORMS:
             if c.topic.endswith("tf_static"):  # transforms that change are no mounts
                 for payload in stream.payloads:

@@ -13,6 +13,8 @@ from pathlib import PurePosixPath
 import numpy as np
 
 from stridetwin.streams.formats.assumed_calibration import BODY, GIVE
+from stridetwin.streams.formats.frame_intrinsics import choose_frame
+from stridetwin.streams.formats.transform_tree import TransformTree
 from stridetwin.streams.lenses import MOST_TERMS, Intrinsics, fit_radtan
 from stridetwin.streams.plausible import mean_rate
 from stridetwin.streams.recording.imported import ImageStream
@@ -45,27 +47,35 @@ class BagCalibration:
         self._notes = notes
         self.assumed: dict[str, str] = {}
         self._infos: dict[str, RosMessage] = {}  # CameraInfo, by the common beginning of the camera's topics
-        self._parents: dict[str, tuple[str, Array]] = {}  # by frame: its parent and T_parent_frame (4, 4), m
+        self._frames = TransformTree()
 
-    def add_camera_info(self, topic: str, message: RosMessage) -> None:
+    def add_camera_info(self, topic: str, *messages: RosMessage) -> None:
         """Adds a camera's intrinsics; those of an uncalibrated camera (focal length 0) are reported and not used.
 
         Args:
-            topic: Topic of the message, such as `/camera/camera_info`.
-            message: A CameraInfo of ROS 1 or ROS 2.
+            topic: Topic of the messages, such as `/camera/camera_info`.
+            messages: CameraInfo of ROS 1 or ROS 2, at least one. Of several that differ, one is used, and reported.
         """
-        K = np.asarray(message.k if hasattr(message, "k") else message.K, float)  # (9,) row by row: fu first, fv fifth
-        if np.isfinite(K).all() and K[0] > 0 and K[4] > 0 and message.width > 0 and message.height > 0:
-            # RealSense's own files: .../Color_0/info/camera_info next to .../Color_0/image/data
-            self._infos[topic.removesuffix("/camera_info").removesuffix("/info")] = message
-        else:
-            self._notes.warn(f"{topic}: not calibrated (a focal length of {K[0]:g} px)")
+        intrinsics = [_read_intrinsics(message) for message in messages]
+        # those of a calibrated camera
+        sound = [
+            (message, values)
+            for message, values in zip(messages, intrinsics)
+            if np.isfinite(values).all() and min(values[0], values[1], message.width, message.height) > 0
+        ]
+        if not sound:
+            self._notes.warn(f"{topic}: not calibrated (a focal length of {intrinsics[0][0]:g} px)")
+            return
+        if len(sizes := {(message.width, message.height) for message, _ in sound}) > 1:
+            text = " and ".join(f"{width} x {height}" for width, height in sorted(sizes))
+            self._notes.warn(f"{topic}: calibrations of images of several sizes, {text}; the first one is used")
+            sound = sound[:1]
+        chosen = choose_frame(topic, np.array([values for _, values in sound]), self._notes)
+        # RealSense's own files: .../Color_0/info/camera_info next to .../Color_0/image/data
+        self._infos[topic.removesuffix("/camera_info").removesuffix("/info")] = sound[chosen][0]
 
     def add_transforms(self, message: RosMessage) -> None:
-        """Adds the static transforms T_parent_child of a TFMessage; those without a unit quaternion are ignored.
-
-        `_parents` keeps each by the name of the child frame, with that of its parent.
-        """
+        """Adds the static transforms T_parent_child of a TFMessage; those without a unit quaternion are ignored."""
         for stamped in message.transforms:
             r, p = stamped.transform.rotation, stamped.transform.translation
             q = np.array([r.w, r.x, r.y, r.z])
@@ -75,7 +85,7 @@ class BagCalibration:
 
                 T[:3, :3] = Rotation.from_quat(q, scalar_first=True).as_matrix()
                 T[:3, 3] = p.x, p.y, p.z
-                self._parents[stamped.child_frame_id.strip("/")] = (stamped.header.frame_id.strip("/"), T)
+                self._frames.add(stamped.header.frame_id, stamped.child_frame_id, T)
 
     def build_rig(
         self, blocks: Mapping[str, Block[Sample]], images: Mapping[str, ImageStream], frames: Mapping[str, str]
@@ -100,7 +110,7 @@ class BagCalibration:
                 continue
             # the IMU whose topic has the longest beginning in common with the camera's
             imu = max(imus, key=lambda t: len(PurePosixPath(os.path.commonpath([t, topic])).parts), default="")
-            T_imu_camera = self._find_transform(frames.get(imu, ""), frames.get(topic, "")) if imu else None
+            T_imu_camera = self._frames.find_transform(frames.get(imu, ""), frames.get(topic, "")) if imu else None
             if imu and T_imu_camera is None:
                 self._add_assumption(topic, "no mount in /tf_static; assumed at the IMU with the same orientation")
             pose = np.eye(4) if T_imu_camera is None else T_imu_camera
@@ -126,8 +136,7 @@ class BagCalibration:
             T: (4, 4) pose of the optical frame in the IMU's frame, m.
             imu: Topic of that IMU; "" without one.
         """
-        K, d = _read_field(info, "k"), _read_field(info, "d")  # camera matrix (9,) row by row, and distortion
-        intrinsics = float(K[0]), float(K[4]), float(K[2]), float(K[5])
+        intrinsics, d = _read_intrinsics(info), _read_field(info, "d")
         model = _MODELS.get(info.distortion_model.lower())
         if _RECTIFIED.search(topic.lower()):
             intrinsics, model, four = self._read_rectified_intrinsics(topic, info, intrinsics), "radtan", np.zeros(4)
@@ -196,33 +205,11 @@ class BagCalibration:
             )
         return model or "radtan", four
 
-    def _find_transform(self, target: str, source: str) -> Array | None:
-        """T_target_source along the tree of static transforms; None if they are not connected, or one is unnamed."""
-        target_chain, source_chain = (self._transform_to_root(frame.strip("/")) for frame in (target, source))
-        if target_chain is None or source_chain is None or not target or not source:
-            return None
-        (target_root, T_root_target), (source_root, T_root_source) = target_chain, source_chain
-        if target_root != source_root:
-            return None
-        R_target_root = T_root_target[:3, :3].T
-        T = np.eye(4)  # T_root_target⁻¹ T_root_source
-        T[:3, :3] = R_target_root @ T_root_source[:3, :3]
-        T[:3, 3] = R_target_root @ (T_root_source[:3, 3] - T_root_target[:3, 3])
-        return T
 
-    def _transform_to_root(self, frame: str) -> tuple[str, Array] | None:
-        """The root of the tree of static transforms above a frame, and T_root_frame; None if they form a loop.
-
-        A frame that no transform leads up from is its own root.
-        """
-        T, visited = np.eye(4), {frame}
-        while frame in self._parents:
-            frame, T_parent_frame = self._parents[frame]
-            T = T_parent_frame @ T
-            if frame in visited:
-                return None
-            visited.add(frame)
-        return frame, T
+def _read_intrinsics(info: RosMessage) -> Intrinsics:
+    """The intrinsics in the camera matrix of a CameraInfo, (9,) row by row."""
+    K = _read_field(info, "k")
+    return float(K[0]), float(K[4]), float(K[2]), float(K[5])
 
 
 def _read_field(info: RosMessage, name: str) -> Array:

@@ -7,7 +7,7 @@ import os
 import sqlite3
 import struct
 import weakref
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
@@ -20,10 +20,10 @@ from mcap.opcode import Opcode
 from rosbags import rosbag1, rosbag2
 from rosbags.interfaces import Connection, MessageDefinitionFormat
 from rosbags.rosbag1.reader import Chunk, Compression, Header, IndexData, decompressors
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from stridetwin.streams.errors import RecordingError, StrideTwinError, read_error
 from stridetwin.streams.formats.bag import Channel
+from stridetwin.streams.formats.ros1_types import Ros1Types, find_definition, to_ros2_name
 from stridetwin.streams.recording.index import Notes, Problem
 from stridetwin.streams.recording.mcap_scan import (
     LARGEST_CHUNK,
@@ -34,7 +34,7 @@ from stridetwin.streams.recording.mcap_scan import (
     read_chunk,
     top_records,
 )
-from stridetwin.streams.recording.ros_types import Definitions, check_types, definition, typestore
+from stridetwin.streams.recording.ros_types import definition, typestore
 
 _LOOSE = struct.Struct("<HIqq")
 """What a message's record has before the payload: channel, sequence, log time and publish time."""
@@ -65,7 +65,7 @@ class McapBag:
         notes: Collects damage and missing CRCs.
 
     Attributes:
-        channels: Streams of CDR messages.
+        channels: Its streams; those of ROS 1 messages have the ROS 2 names and definitions of their types.
 
     Raises:
         StrideTwinError: A file cannot be read, or is damaged, unless lenient.
@@ -75,6 +75,8 @@ class McapBag:
         """Reads through all files for their schemas and channels."""
         self._paths, self._notes = paths, notes
         self._topics: list[dict[int, str]] = [{} for _ in paths]  # of each file, topic by channel id
+        self._ros1_types = Ros1Types()
+        self._ros1_names: dict[str, str] = {}  # type of each topic with messages of ROS 1
         # the chunk unpacked last: number of the file and offset, and its bytes
         self._cached: tuple[tuple[int, int], bytes] = ((-1, -1), b"")
         channels: dict[str, Channel] = {}
@@ -90,6 +92,16 @@ class McapBag:
 
     def read_messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes, McapKey]]:
         """(topic, log time in ns, CDR bytes, key) of every message of the topics, in file order."""
+        for topic, log_time, raw, key in self._read_stored_messages(topics):
+            try:
+                payload = self._to_cdr(topic, raw)
+            except ValueError as error:
+                self._notes.add_problem(Problem(topic, None, f"cannot be decoded: {error}"))
+                continue
+            yield topic, log_time, payload, key
+
+    def _read_stored_messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes, McapKey]]:
+        """(topic, log time in ns, bytes as stored, key) of every message of the topics, in file order."""
         for i, path in enumerate(self._paths):
             unpacking = Unpacking(path)
             for opcode, offset, body in self._read_records(path):
@@ -113,19 +125,28 @@ class McapBag:
         """The CDR bytes of one message, read again from its file.
 
         Args:
-            topic: Not needed here: the key names the file.
+            topic: Topic of the message, whose type tells whether it is one of ROS 1.
             key: As `read_messages` gave it: number of the file, offset of the chunk (-1 outside one), start and length.
         """
         i, chunk, start, length = key
         if chunk < 0:
             with self._paths[i].open("rb") as file:
                 file.seek(start)
-                return file.read(length)
+                return self._to_cdr(topic, file.read(length))
         cached_chunk, data = self._cached
         if cached_chunk != (i, chunk):
             data = read_chunk(self._paths[i], chunk)
             self._cached = (i, chunk), data
-        return data[start : start + length]
+        return self._to_cdr(topic, data[start : start + length])
+
+    def _to_cdr(self, topic: str, payload: bytes) -> bytes:
+        """The CDR bytes of a message: converted from those of ROS 1, or the same.
+
+        Raises:
+            ValueError: The bytes are no message of the topic's type.
+        """
+        name = self._ros1_names.get(topic)
+        return payload if name is None else self._ros1_types.to_cdr(payload, name)
 
     def _read_records(self, path: Path) -> Iterator[tuple[int, int, bytes]]:
         """Yields opcode, offset and body of the records of a file, as far as they can be read; damage is reported."""
@@ -172,16 +193,33 @@ class McapBag:
         if isinstance(record, records.Schema):
             schemas[record.id] = record
         elif record.id not in self._topics[i]:
-            schema = schemas.get(record.schema_id)
-            is_cdr = schema is not None and record.message_encoding == "cdr"
-            name = schema.name if schema is not None and is_cdr else f"{record.message_encoding} messages"
-            text = schema.data.decode(errors="replace") if schema is not None else ""
-            new = Channel(record.topic, name, schema.encoding if schema is not None else "", text)
+            new = self._to_channel(record, schemas.get(record.schema_id))
             known = channels.setdefault(record.topic, new)
             if replace(known, definition="") == replace(new, definition=""):  # texts of definitions do not matter
                 self._topics[i][record.id] = record.topic
             else:
-                self._notes.warn(f"{record.topic}: a second publisher of {name}, which is not read")
+                self._notes.warn(f"{record.topic}: a second publisher of {new.typename}, which is not read")
+
+    def _to_channel(self, record: records.Channel, schema: records.Schema | None) -> Channel:
+        """The stream of a channel; its type is named together with its encoding where that is not read.
+
+        Args:
+            record: The channel.
+            schema: Its schema; None without one.
+        """
+        name = to_ros2_name(schema.name) if schema is not None else ""
+        text = schema.data.decode(errors="replace") if schema is not None else ""
+        encoding = schema.encoding if schema is not None else ""
+        if record.message_encoding == "ros1" and name:
+            text = self._ros1_types.to_ros2_definition(name, find_definition(name, text))
+            if text:
+                self._ros1_names[record.topic] = name
+                return Channel(record.topic, name, "ros2msg", text)
+        if record.message_encoding == "cdr" and not text and name in typestore().fielddefs:
+            return Channel(record.topic, name, "ros2msg", definition(name))  # a standard type without its definition
+        if record.message_encoding != "cdr" or schema is None:
+            name = f"{name or 'unknown type'} in {record.message_encoding or 'unknown encoding'}"
+        return Channel(record.topic, name, encoding, text)
 
 
 _LONGEST_HEADER = 1 << 20
@@ -307,8 +345,36 @@ def _read_header(file: BinaryIO, size: int) -> Header:
     return Header.read(file)
 
 
-_WITHOUT_SEQ = ("std_msgs/msg/Header", "builtin_interfaces/msg/Time")
-"""Types that ROS 2 defines otherwise than ROS 1, whose headers have a field `seq`."""
+PartKey = tuple[int, RosKey]
+"""Of a message: number of the part of the bag, and its key there."""
+
+
+class BagInParts:
+    """The messages of several bags that one recorder has written one after the other, without metadata.
+
+    Attributes:
+        channels: Streams of all parts; of those of one topic, the first.
+    """
+
+    def __init__(self, parts: Sequence[RosBag]) -> None:
+        """Joins open bags, in the order of their messages."""
+        self._parts = parts
+        channels: dict[str, Channel] = {}
+        for part in parts:
+            for channel in part.channels:
+                channels.setdefault(channel.topic, channel)
+        self.channels = list(channels.values())
+
+    def read_messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes, PartKey]]:
+        """(topic, log time in ns, CDR bytes, key) of every message of the topics, part after part."""
+        for number, part in enumerate(self._parts):
+            for topic, log_time, payload, key in part.read_messages(topics):
+                yield topic, log_time, payload, (number, key)
+
+    def read_payload(self, topic: str, key: PartKey) -> bytes:
+        """The CDR bytes of one message, read again from its part; `key` is as `read_messages` gave it."""
+        number, key_in_part = key
+        return self._parts[number].read_payload(topic, key_in_part)
 
 
 class RosBag:
@@ -329,14 +395,13 @@ class RosBag:
     def __init__(self, path: Path, is_ros1: bool, notes: Notes) -> None:
         """Checks the index of a ROS 1 bag, opens the bag, and converts the definitions of its messages."""
         self.path, self._is_ros1, self._notes = path, is_ros1, notes
-        self._definitions = Definitions()
+        self._ros1_types = Ros1Types()
         with self._convert_errors():
             if is_ros1:
                 check_index(path)
             self._reader = BoundedReader(path) if is_ros1 else rosbag2.Reader(path)
             self._reader.open()
             weakref.finalize(self, _close, self._reader)
-            self._store = get_typestore(Stores.EMPTY)
             channels = [self._to_channel(c) for c in self._reader.connections]
         # backwards, so that the first publisher of a topic replaces the later ones; then in the order of the bag again
         self.channels = list({c.topic: c for c in reversed(channels)}.values())[::-1]
@@ -385,7 +450,7 @@ class RosBag:
 
     def _to_cdr(self, raw: bytes, typename: str) -> bytes:
         """The CDR bytes of a message: converted from those of ROS 1, or the same."""
-        return bytes(self._store.ros1_to_cdr(raw, typename)) if self._is_ros1 else bytes(raw)
+        return self._ros1_types.to_cdr(raw, typename) if self._is_ros1 else bytes(raw)
 
     def _to_channel(self, connection: Connection) -> Channel:
         """The stream of a connection; definitions that older ROS 2 bags lack are those of the standard types."""
@@ -396,22 +461,8 @@ class RosBag:
         elif not text:  # bags of older ROS 2 releases contain no definitions: the standard types are the same
             text = definition(name) if name in typestore().fielddefs else ""
         if self._is_ros1:
-            text = self._to_ros2_definition(name, text)
+            text = self._ros1_types.to_ros2_definition(name, text)
         return Channel(connection.topic, name, encoding, text)
-
-    def _to_ros2_definition(self, name: str, text: str) -> str:
-        """A ROS 1 definition converted to ROS 2; "" if it cannot be parsed, which is reported if it is needed."""
-        try:
-            if name not in self._store.fielddefs:  # of the types that are converted already
-                self._definitions.add(text)  # refuses texts that are too long together
-                types = get_types_from_msg(text, name)
-                check_types(types)
-                # the conversion to CDR drops a header's `seq`, so the types must not have it
-                ours = {n: typestore().fielddefs[n] for n in _WITHOUT_SEQ}
-                self._store.register(types | ours)
-            return str(self._store.generate_msgdef(name, ros_version=2)[0])
-        except Exception:  # the parser raises several unrelated kinds
-            return ""
 
     @contextmanager
     def _convert_errors(self) -> Iterator[None]:
@@ -424,7 +475,8 @@ class RosBag:
             raise RecordingError(f"{self.path}: cannot be read: {error.strerror or error}") from error
         except Exception as error:  # asserts, index and key errors, MemoryError: unvalidated input
             text = " ".join(str(error).split()) or type(error).__name__
-            raise RecordingError(f"{self.path}: a damaged bag: {text[:200]}") from error
+            repair = "`rosbag reindex`" if self._is_ros1 else "`ros2 bag reindex`"
+            raise RecordingError(f"{self.path}: a damaged bag: {text[:200]}; {repair} may repair it") from error
 
 
 def _close(reader: rosbag1.Reader | rosbag2.Reader) -> None:

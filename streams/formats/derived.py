@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from stridetwin.streams.errors import ConfigError
-from stridetwin.streams.recording.index import Notes
-from stridetwin.streams.samples import Array, Block, Imu, Odometry, Sample, Stamps, is_increasing
+from stridetwin.streams.recording.index import Notes, Problem
+from stridetwin.streams.samples import Accelerometer, Array, Block, Imu, Odometry, Sample, Stamps, is_increasing
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -100,8 +102,19 @@ def _differentiate(t_ns: Stamps, p: Array, attitude: Rotation) -> Array:
     return np.stack(((p[after] - p[before]) / span, rotation / span))
 
 
-_GYRO = re.compile(r"gyro(?:/sample)?", re.IGNORECASE)
+_LEAST_SHARE = 0.95
+"""Share of the rates that must lie within the forces' time without a warning."""
+_SLACK_PERIODS = 3
+_GYRO = re.compile(r"gyro(?:scope)?(?:/sample)?|angular_(?:velocity|rate)", re.IGNORECASE)
 """What the topic of a stream of rates has in place of `accel` in that of the forces; RealSense adds `/sample`."""
+_PAIRS = (
+    ("gyroscope", "accelerometer"),
+    ("gyro", "accel"),
+    ("gyro", "acc"),
+    ("angular_velocity", "linear_acceleration"),
+    ("angular_rate", "acceleration"),
+)
+"""What topics of rates contain, and what those of the forces have in its place."""
 _JOINED = "imu"
 """What the topic of the joined IMU has there."""
 
@@ -110,21 +123,71 @@ def join_gyro_and_accel(blocks: dict[str, Block[Sample]], notes: Notes) -> dict[
     """Joins each pair of streams `.../gyro` and `.../accel` to one IMU, and reports that by a warning.
 
     A pair is joined only if the first has no forces and the second no rates. The force is interpolated linearly to
-    the stamps of the rate.
+    the stamps of the rate. Of a pair whose stamps do not overlap, which is a problem, the
+    forces alone are left when lenient.
     """
     result = dict(blocks)
     for topic, gyro in blocks.items():
-        accel_topic = _GYRO.sub(lambda m: m[0].replace("gyro", "accel").replace("Gyro", "Accel"), topic)
-        accel = blocks.get(accel_topic)
-        if accel_topic == topic or accel is None or gyro.kind is not Imu or accel.kind is not Imu:
+        accel_topic = next((name for name in _name_accel_topics(topic) if name in blocks), None)
+        if accel_topic is None or gyro.kind is not Imu or blocks[accel_topic].kind not in (Imu, Accelerometer):
             continue  # no stream of rates, or none of forces beside it
-        if gyro.columns["specific_force"].any() or accel.columns["angular_rate"].any() or len(accel) < 2:
+        accel = blocks[accel_topic]
+        has_rates = "angular_rate" in accel.columns and accel.columns["angular_rate"].any()
+        if gyro.columns["specific_force"].any() or has_rates or len(accel) < 2:
             continue  # one of them has numbers of the other, or there is nothing to interpolate between
+        if not check_overlap(topic, gyro.t_ns, accel_topic, accel.t_ns, notes):
+            forces = {"specific_force": accel.columns["specific_force"]}
+            del result[topic]  # rates alone are no IMU
+            result[accel_topic] = replace(accel, kind=Accelerometer, columns=forces)
+            continue
         name = imu_name(topic)
         del result[topic], result[accel_topic]
         result[name] = join_at_gyro_stamps(name, gyro.as_kind(Imu), accel)
         notes.warn(f"{topic} and {accel_topic} are joined as {name}, the force interpolated to the stamps of the rate")
     return result
+
+
+def _name_accel_topics(gyro_topic: str) -> Iterator[str]:
+    """Yields the topics that the forces beside a stream of rates may have; none if its topic names no rates."""
+    for rates, forces in _PAIRS:
+        if rates in gyro_topic or rates.capitalize() in gyro_topic:
+            yield gyro_topic.replace(rates, forces).replace(rates.capitalize(), forces.capitalize())
+
+
+def check_overlap(gyro_name: str, gyro_ns: Stamps, accel_name: str, accel_ns: Stamps, notes: Notes) -> bool:
+    """Whether the stamps of rates and forces overlap, so that the two streams can be joined.
+
+    Stamps that do not overlap are reported as a problem with both spans; so is, as a warning, a part of the rates that
+    has no forces.
+
+    Args:
+        gyro_name: What reports call the rates.
+        gyro_ns: (N,) stamps of the rates.
+        accel_name: What reports call the forces.
+        accel_ns: (M,) stamps of the forces.
+        notes: Collects the reports.
+    """
+    if not len(gyro_ns) or not len(accel_ns):
+        return False
+    first, last = int(accel_ns.min()), int(accel_ns.max())
+    share = float(np.mean((gyro_ns >= first) & (gyro_ns <= last)))  # of the rates that have forces
+    # forces may begin and end some of their periods later and earlier than the rates
+    slack = _SLACK_PERIODS * (last - first) / max(1, len(accel_ns) - 1)
+    is_covered = int(gyro_ns.min()) >= first - slack and int(gyro_ns.max()) <= last + slack
+    spans = f"stamps from {_span_text(gyro_ns)}, those of {accel_name} from {_span_text(accel_ns)}"
+    if share == 0.0:
+        apart = "they do not overlap, so that rates and forces cannot be joined"
+        what = f"{spans}: {apart}: expected stamps of one clock; record both with one driver, or correct one of them"
+        notes.add_problem(Problem(gyro_name, None, what))
+        return False
+    if share < _LEAST_SHARE and not is_covered:
+        notes.warn(f"{gyro_name}: {spans}; {1 - share:.0%} of the rates have no forces and are left out")
+    return True
+
+
+def _span_text(t_ns: Stamps) -> str:
+    """First and last of some stamps (N,) ns, in s."""
+    return f"{t_ns.min() * 1e-9:.3f} to {t_ns.max() * 1e-9:.3f} s"
 
 
 def imu_name(topic: str) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.files import atomic_file
 from stridetwin.streams.formats.column_names import AXES
-from stridetwin.streams.formats.derived import join_at_gyro_stamps
+from stridetwin.streams.formats.derived import check_overlap, join_at_gyro_stamps
 from stridetwin.streams.formats.imu_bridging import bridge_gaps
 from stridetwin.streams.formats.imu_clocks import RATE
 from stridetwin.streams.formats.imu_columns import missing_axis_error
@@ -135,6 +135,7 @@ def _to_imu_block(path: Path, sensor: str, parts: Mapping[str, TablePart], notes
             blocks.append(bridge_gaps(part_name, leave_out_unmeasured(part_name, single, notes), notes))
         block = join_at_gyro_stamps(name, *blocks)
         notes.warn(f"{name}: forces and rates are joined, the force interpolated to the stamps of the rate")
+        check_overlap(f"{name} ({GYRO})", blocks[0].t_ns, f"{name} ({ACCEL})", blocks[1].t_ns, notes)
         if len(block) < MIN_ROWS:
             raise ConfigError(path, "stamps of forces and rates", f"{len(block)} in common", "stamps of one clock")
     if len(block) < MIN_ROWS:

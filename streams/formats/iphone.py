@@ -27,6 +27,7 @@ from stridetwin.streams.errors import ConfigError, StrideTwinError, explain_impo
 from stridetwin.streams.fields import Count, Number, Positive
 from stridetwin.streams.formats.assumed_calibration import make_pinhole, read_first_image_size
 from stridetwin.streams.formats.derived import to_odometry
+from stridetwin.streams.formats.frame_intrinsics import choose_frame
 from stridetwin.streams.formats.image_files import open_image_stream, select_existing
 from stridetwin.streams.formats.text_rows import TextRow, read_camera_matrix, read_numbers, read_text_rows
 from stridetwin.streams.formats.tum import parse_seconds
@@ -52,6 +53,8 @@ ODOMETRY, MATRIX, VIDEO, INERTIAL = "odometry.csv", "camera_matrix.csv", "rgb.mp
 """Files of StrayScanner."""
 # columns of its tables: position in m and quaternion; forces; rates in rad/s, which have one of two groups of names
 _POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
+_INTRINSICS = ("fx", "fy", "cx", "cy")
+"""Columns with the intrinsics of each image, in newer versions of the app."""
 _FORCE, _RATES = ("a_x", "a_y", "a_z"), (("alpha_x", "alpha_y", "alpha_z"), ("w_x", "w_y", "w_z"))
 _MOST_IN_G = 3.0
 """Forces whose median magnitude is below this number are in g."""
@@ -95,7 +98,25 @@ def read_stray_scanner(path: Path, notes: Notes, per_metre: float = PER_METRE) -
     blocks: dict[str, Block[Sample]] = {poses.topic: poses}
     if (path / INERTIAL).is_file() and (imu := _read_imu(path / INERTIAL, notes)) is not None:
         blocks[IMU] = imu
-    return Source(kind="strayscanner", blocks=blocks, images=images, rig=_read_stray_rig(path, images, IMU in blocks))
+    matrix = read_camera_matrix(path / MATRIX, ",")
+    if all(name in header for name in _INTRINSICS):
+        _, changing = read_numbers(file, rows, _find_columns(file, header, _INTRINSICS), parse_seconds, notes)
+        changing = changing[(changing[:, :2] > 0).all(axis=1)]  # without those of images that have none
+        matrix = _choose_intrinsics(file.name, changing, notes) if len(changing) else matrix
+    rig = _to_stray_rig(images, matrix, IMU in blocks)
+    return Source(kind="strayscanner", blocks=blocks, images=images, rig=rig)
+
+
+def _choose_intrinsics(name: str, intrinsics: Array, notes: Notes) -> tuple[float, float, float, float]:
+    """The intrinsics (fu, fv, pu, pv) in pixels that stand for those of all images.
+
+    Args:
+        name: File that they are in.
+        intrinsics: (N, 4) of each image, N ≥ 1.
+        notes: Collects how much they change.
+    """
+    fu, fv, pu, pv = intrinsics[choose_frame(name, intrinsics, notes)]
+    return float(fu), float(fv), float(pu), float(pv)
 
 
 def _read_table(file: Path) -> tuple[list[str], list[TextRow]]:
@@ -135,18 +156,18 @@ def _read_imu(file: Path, notes: Notes) -> Block[Imu] | None:
     return Block(topic=IMU, kind=Imu, t_ns=t_ns, columns={"angular_rate": table[:, 3:], "specific_force": force})
 
 
-def _read_stray_rig(path: Path, images: dict[str, ImageStream], imu: bool) -> Rig:
-    """The calibrations of a StrayScanner folder's cameras, from its camera matrix for the image size of the video.
+def _to_stray_rig(images: dict[str, ImageStream], matrix: tuple[float, float, float, float], imu: bool) -> Rig:
+    """The calibrations of a StrayScanner folder's cameras.
 
     Args:
-        path: The folder.
         images: Colour and depth, as far as they exist.
+        matrix: (fu, fv, pu, pv) in pixels of the video.
         imu: Whether there is an IMU, which is at the camera in the axes of the device.
     """
-    fu, fv, pu, pv = read_camera_matrix(path / MATRIX, ",")
+    pu, pv = matrix[2:]
     # without the video, the centre of the image is all that gives its size
     size = (read_first_image_size(images[COLOR]) if COLOR in images else None) or (round(2 * pu), round(2 * pv))
-    return _to_rig(images, (fu, fv, pu, pv), size, imu)
+    return _to_rig(images, matrix, size, imu)
 
 
 class _Frames:
@@ -213,6 +234,7 @@ class _Metadata(BaseModel):
         K: Camera matrix of the colour images, by columns.
         poses: Quaternion (x, y, z, w) and position in m of each frame in ARKit's world.
         frameTimestamps: Stamp of each frame in s.
+        perFrameIntrinsicCoeffs: fu, fv, pu, pv of each frame's colour image in pixels.
     """
 
     w: Count
@@ -223,6 +245,7 @@ class _Metadata(BaseModel):
     K: Annotated[list[Number], Field(min_length=9, max_length=9)]
     poses: list[tuple[Number, Number, Number, Number, Number, Number, Number]]
     frameTimestamps: list[Number] = []
+    perFrameIntrinsicCoeffs: list[tuple[Positive, Positive, Number, Number]] | None = None
 
 
 def is_record3d(path: Path) -> bool:
@@ -271,8 +294,12 @@ def read_record3d(path: Path, notes: Notes) -> Source:
             )
     p, q = poses[:, 4:], poses[:, [3, 0, 1, 2]]  # the quaternion as w, x, y, z
     block = _to_camera_odometry(images, t_ns, p, q, False, notes, file)
-    fu, fv, pu, pv = (metadata.K[i] for i in (0, 4, 6, 7))  # the camera matrix is listed column by column
-    rig = _to_rig(images, (fu, fv, pu, pv), (metadata.w, metadata.h), imu=False)
+    if metadata.perFrameIntrinsicCoeffs:
+        matrix = _choose_intrinsics(file.name, np.array(metadata.perFrameIntrinsicCoeffs), notes)
+    else:
+        K = metadata.K  # the camera matrix column by column
+        matrix = K[0], K[4], K[6], K[7]
+    rig = _to_rig(images, matrix, (metadata.w, metadata.h), imu=False)
     return Source(kind="record3d", blocks={block.topic: block}, images=images, rig=rig)
 
 

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError, read_error
-from stridetwin.streams.formats import euroc, iphone, seven_scenes, tum_rgbd
+from stridetwin.streams.formats import euroc, iphone, openloris, seven_scenes, tum_rgbd
 from stridetwin.streams.formats.aria_vrs import read_aria_vrs
 from stridetwin.streams.formats.assumed_calibration import read_first_image_size, with_assumed_calibration
-from stridetwin.streams.formats.bag import read_bag, side_of
-from stridetwin.streams.formats.bag_files import McapBag, RosBag, check_tables, sqlite_is_sound
+from stridetwin.streams.formats.bag import read_bag
+from stridetwin.streams.formats.bag_files import BagInParts, McapBag, RosBag, check_tables, sqlite_is_sound
 from stridetwin.streams.formats.file_formats import FILE_FORMATS
 from stridetwin.streams.formats.given_rig import Streams, match_rig, rename_rig, report_unmatched, streams_of
 from stridetwin.streams.formats.imu_bridging import bridge_gaps
@@ -50,6 +50,7 @@ from stridetwin.streams.samples import (
     Sample,
     is_increasing,
 )
+from stridetwin.streams.segments import segment_of, side_of
 from stridetwin.streams.yaml_file import read_yaml
 
 TABLE_TOPIC = "/foot_l/imu"
@@ -60,8 +61,11 @@ _REGISTERED_KINDS = ("tum", "7scenes")  # by their layout
 _REGISTERED = re.compile(r"aligned|registered")  # drivers' names of registered depth images
 _HEADS = {MAGIC[:5]: "mcap", b"#ROSBAG": "rosbag1", b"SQLite format 3\0": "rosbag2"}
 """First bytes of a file of each kind."""
+_PACKINGS = {b"PK\3\4": "zip", b"\x28\xb5\x2f\xfd": "zstd", b"\x1f\x8b": "gzip", b"BZh": "bzip2", b"7z\xbc\xaf": "7z"}
+"""First bytes of files of packed content."""
 _LAYOUTS: Mapping[str, Callable[[Path], bool]] = {
     "euroc": lambda path: euroc.find_euroc_root(path) is not None,
+    "openloris": openloris.is_openloris,  # before TUM's, as it may have a depth.txt, too
     "tum": tum_rgbd.is_tum_rgbd,
     "7scenes": lambda path: seven_scenes.find_frames_folder(path) is not None,
     "strayscanner": iphone.is_stray_scanner,
@@ -77,6 +81,7 @@ _UNREAD: Mapping[str, str] = {
 """What to do about files of other kinds that may have a table."""
 _READERS: Mapping[str, Callable[..., Source]] = {
     "euroc": euroc.read_euroc,
+    "openloris": openloris.read_openloris,
     "tum": tum_rgbd.read_tum_rgbd,
     "7scenes": seven_scenes.read_seven_scenes,
     "strayscanner": iphone.read_stray_scanner,
@@ -86,9 +91,18 @@ _READERS: Mapping[str, Callable[..., Source]] = {
 """The reader of each kind that is neither a bag nor a table."""
 DEPTH_SCALE, _DEPTH_IMAGES = "--depth-scale", 5
 """The option, and the number of images whose depth is checked to be plausible."""
-_WITH_DEPTH_SCALE = ("tum", "7scenes", "strayscanner")
+_WITH_DEPTH_SCALE = ("tum", "7scenes", "openloris", "strayscanner")
 """Formats whose reader takes the units of depth images per metre."""
 _EVENTS = (Footprint, Point)  # irregular events
+_MOST_LISTED = 8
+"""Most entries of a folder that an error lists."""
+_RECORDING_SUFFIXES = (".bag", ".mcap", ".db3", ".vrs")
+_PACKED_SUFFIXES = (".zstd", ".zst", ".zip", ".gz", ".tgz", ".tar", ".7z", ".bz2", ".r3d")
+_IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".exr", ".tif", ".tiff", ".pgm")
+_METADATA = "metadata.yaml"
+"""File that describes a ROS 2 bag."""
+_REINDEX = "`ros2 bag reindex` writes it anew; without it, the files are read in the order of their names"
+"""What to do about invalid metadata."""
 _SHORT = 0.05  # of the longest stream may be missing from another without a warning
 _FEWEST = 10  # samples needed to check a rate or a unit
 
@@ -137,6 +151,9 @@ def recognise(path: Path) -> str:
         return "vrs"
     if path.suffix in (".npz", *SUFFIXES) and (path.suffix not in OPEN_SUFFIXES or is_imu_text(path)):
         return "table"
+    packing = next((name for first_bytes, name in _PACKINGS.items() if head.startswith(first_bytes)), None)
+    if packing is not None:
+        raise ConfigError(path, "", f"{packing} content", "a recording, or a folder of one: unpack it first")
     by_name = {".mcap": "MCAP file", ".bag": "ROS 1 bag", ".db3": "SQLite file"}
     if path.suffix in by_name:
         raise RecordingError(f"{path}: this is no {by_name[path.suffix]}")
@@ -180,7 +197,8 @@ def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | N
     kind = options.kind or ("table" if is_table(path, options.table) else recognise(path))
     is_plain = not options.names and options.rig is None  # the user changes neither topics nor calibration
     # the file of a recording that StrideTwin has written; None for another tool's source
-    own_file = _find_stridetwin_file(path, is_plain) if kind in ("mcap", "rosbag2") else None
+    may_be_ours = kind == "mcap" or (kind == "rosbag2" and (path.is_dir() or path.suffix == ".mcap"))
+    own_file = _find_stridetwin_file(path, is_plain) if may_be_ours else None
     if own_file is not None and is_plain:
         return Recording(own_file, lenient)
     notes = Notes(path, lenient)
@@ -242,24 +260,55 @@ def print_warnings(path: Path, warnings: Iterable[str]) -> None:
 
 
 def _recognise_folder(path: Path) -> str:
-    """The kind of a folder by its layout: a ROS 2 bag first, then the order of `_LAYOUTS`.
+    """The kind of a folder by its layout.
 
     Raises:
-        StrideTwinError: The folder has none of these layouts.
+        StrideTwinError: The folder has none of the known layouts; the message says what it has.
     """
-    if (path / "metadata.yaml").is_file() or any(path.glob("*.mcap")) or any(path.glob("*.db3")):
-        return "rosbag2"
-    for kind, has_layout in _LAYOUTS.items():
-        if has_layout(path):
-            return kind
+    if (kind := _find_layout(path)) is not None:
+        return kind
     kinds = ", ".join(known for known in FILE_FORMATS[2:] if known != "vrs")  # without those of single files
-    raise StrideTwinError(f"{path}: unknown layout: expected a folder of one of the kinds {kinds}")
+    raise StrideTwinError(
+        f"{path}: unknown layout: expected a folder of one of the kinds {kinds}; {_describe_folder(path)}"
+    )
+
+
+def _describe_folder(path: Path) -> str:
+    """What a folder of no known layout has, and what to give in its place, for a message."""
+    entries = sorted(path.iterdir())
+    recordings = [entry for entry in entries if entry.is_file() and entry.suffix in _RECORDING_SUFFIXES]
+    recordings += [entry for entry in entries[:_MOST_LISTED] if entry.is_dir() and _find_layout(entry)]
+    if recordings:
+        return f"it has recordings inside; give one of them: {', '.join(map(str, recordings[:_MOST_LISTED]))}"
+    if packed := [entry.name for entry in entries if entry.suffix in _PACKED_SUFFIXES]:
+        return f"{packed[0]} is packed: unpack it first"
+    names = [f"{entry.name}/" if entry.is_dir() else entry.name for entry in entries]
+    more = [f"and {len(names) - _MOST_LISTED} more"] if len(names) > _MOST_LISTED else []
+    return f"it has {', '.join([*names[:_MOST_LISTED], *more])}" if names else "it is empty"
+
+
+def _find_layout(path: Path) -> str | None:
+    """The kind whose layout a folder has: a ROS 2 bag first, then the order of `_LAYOUTS`; None for another layout."""
+    if (path / _METADATA).is_file() or any(path.glob("*.mcap")) or any(path.glob("*.db3")):
+        return "rosbag2"
+    return next((kind for kind, has_layout in _LAYOUTS.items() if has_layout(path)), None)
 
 
 def imu_topic(name: str) -> str:
-    """Our topic of a sensor of a table: that of a foot if the name has a side, such as `left_sensor`, else its own."""
-    side = side_of(name.lower())
-    return f"/foot_{side}/imu" if side else f"/{re.sub(r'[^A-Za-z0-9_]+', '_', name).strip('_')}/imu"
+    """Our topic of a sensor of a table.
+
+    Args:
+        name: The table's name of the sensor, such as `left_sensor`, `RightFoot` or `pelvis`.
+
+    Returns:
+        That of a foot if the name has a side and tells no other part of the body; else a topic of its own name.
+    """
+    side, segment = side_of(name.lower()), segment_of(name)
+    if segment in ("foot_l", "foot_r"):
+        return f"/{segment}/imu"
+    if side and not segment:
+        return f"/foot_{side}/imu"
+    return f"/{re.sub(r'[^A-Za-z0-9_]+', '_', name).strip('_')}/imu"
 
 
 def _read_source(path: Path, kind: str, options: ImportOptions, notes: Notes) -> Source:
@@ -272,6 +321,7 @@ def _read_source(path: Path, kind: str, options: ImportOptions, notes: Notes) ->
         notes: Collects problems and assumptions.
     """
     if kind == "table":
+        _report_images(path, notes)
         imus = read_imu_tables(path, options.table, notes)
         names = {name: imu_topic(name) for name in imus if name}
         blocks: dict[str, Block[Sample]] = {name or TABLE_TOPIC: block for name, block in imus.items()}
@@ -280,6 +330,23 @@ def _read_source(path: Path, kind: str, options: ImportOptions, notes: Notes) ->
         has_scale = kind in _WITH_DEPTH_SCALE and options.depth_scale
         return _READERS[kind](path, notes, **({"per_metre": options.depth_scale} if has_scale else {}))
     return _read_bag(path, kind, notes)
+
+
+def _report_images(path: Path, notes: Notes) -> None:
+    """Warns if a folder that is read as IMU tables has images, whose layout is none that is read."""
+    entries = sorted(path.iterdir()) if path.is_dir() else []
+    with_images = [f"{entry.name}/" for entry in entries if entry.is_dir() and _has_images(entry)]
+    if with_images:
+        names = ", ".join(with_images[:_MOST_LISTED])
+        notes.warn(f"read as IMU tables alone: the images in {names} have no layout that is read")
+
+
+def _has_images(folder: Path) -> bool:
+    """Whether a folder has files of images; false for one that cannot be listed."""
+    try:
+        return any(file.suffix.lower() in _IMAGE_SUFFIXES for file in folder.iterdir())
+    except OSError:
+        return False
 
 
 def _find_stridetwin_file(path: Path, is_plain: bool) -> Path | None:
@@ -303,15 +370,41 @@ def _read_bag(path: Path, kind: str, notes: Notes) -> Source:
     if kind == "rosbag1":
         return read_bag(RosBag(path, True, notes), kind, notes)
     files = _list_bag_files(path) if path.is_dir() else [path]
-    if files and all(f.suffix == ".mcap" for f in files):
+    if not files:
+        raise ConfigError(path, "", "no metadata.yaml, .db3 or .mcap", "a ROS 2 bag")
+    if path.is_file() and path.suffix not in (".db3", ".mcap"):
+        raise ConfigError(path, "", path.suffix, "a file .db3, as SQLite files of ROS 2 bags are called; rename it")
+    if all(f.suffix == ".mcap" for f in files):
         return read_bag(McapBag(files, notes), kind, notes)
     for file in files:  # before rosbags runs queries on them
-        if file.suffix != ".db3":
-            continue
-        check_tables(file)
-        if not sqlite_is_sound(file):
-            notes.add_problem(Problem("", None, f"{file.name}: a damaged SQLite file"))
+        if file.suffix == ".db3":
+            _check_database(file, notes)
+    if path.is_dir() and not (path / _METADATA).is_file():  # the recorder was killed, or the files were copied alone
+        names = ", ".join(file.name for file in files)
+        notes.warn(f"no {_METADATA}, as after a recorder that was killed; files that are read: {names}")
+        parts = [RosBag(file, False, notes) for file in files]
+        return read_bag(parts[0], kind, notes) if len(parts) == 1 else read_bag(BagInParts(parts), kind, notes)
     return read_bag(RosBag(path, False, notes), kind, notes)
+
+
+def _check_database(file: Path, notes: Notes) -> None:
+    """Reports what makes an SQLite file of a bag incomplete or damaged, and refuses one that is no bag's.
+
+    Args:
+        file: The file.
+        notes: Collects the reports.
+
+    Raises:
+        StrideTwinError: It has other objects than tables of plain columns; or, unless lenient, it is damaged.
+    """
+    journal = file.with_name(f"{file.name}-wal")
+    if journal.is_file() and journal.stat().st_size > 0:
+        what = f"{journal.name} beside it holds messages that the recorder did not move into the file before it ended"
+        advice = f"sqlite3 {file.name} 'PRAGMA wal_checkpoint(TRUNCATE)' moves them"
+        notes.add_problem(Problem("", None, f"{file.name}: {what}: expected no such file; {advice}"))
+    check_tables(file)
+    if not sqlite_is_sound(file):
+        notes.add_problem(Problem("", None, f"{file.name}: a damaged SQLite file"))
 
 
 def _list_bag_files(path: Path) -> list[Path]:
@@ -320,17 +413,19 @@ def _list_bag_files(path: Path) -> list[Path]:
     Raises:
         StrideTwinError: The metadata are invalid, name a file that is missing, or say that the bag is compressed.
     """
-    metadata = path / "metadata.yaml"
+    metadata = path / _METADATA
+    stored = sorted(path.glob("*.mcap"), key=_part_order) or sorted(path.glob("*.db3"), key=_part_order)
     if not metadata.is_file():
-        return sorted(path.glob("*.mcap")) or sorted(path.glob("*.db3"))
+        return stored
     try:
         data: Any = read_yaml(metadata)
         info = data["rosbag2_bagfile_information"]
         names = [str(n) for n in info["relative_file_paths"]]
         compressed = str(info.get("compression_mode") or "none").lower() != "none"
-    except (KeyError, TypeError, AttributeError, ValueError) as error:
-        reason = " ".join(str(error).split())
-        raise StrideTwinError(f"{metadata}: no description of a ROS 2 bag: {reason[:120]}") from error
+    except (KeyError, TypeError, AttributeError, ValueError, StrideTwinError) as error:
+        is_other = isinstance(error, TypeError | AttributeError)  # such as an empty file
+        reason = "it is empty, or has other contents" if is_other else " ".join(str(error).split())
+        raise StrideTwinError(f"{metadata}: no description of a ROS 2 bag: {reason[:120]}; {_REINDEX}") from error
     if compressed:
         raise ConfigError(
             metadata, "compression_mode", info["compression_mode"], "none: unpack it first (ros2 bag convert)"
@@ -338,8 +433,15 @@ def _list_bag_files(path: Path) -> list[Path]:
     files = [path / Path(n).name for n in names]
     for file in files:
         if not file.is_file():
-            raise ConfigError(metadata, "relative_file_paths", file.name, "existing files")
+            valid = f"existing files; the folder has {', '.join(f.name for f in stored) or 'none'}; {_REINDEX}"
+            raise ConfigError(metadata, "relative_file_paths", file.name, valid)
     return files
+
+
+def _part_order(file: Path) -> tuple[str, int]:
+    """Sort key of the files of a bag: by name, and those that differ in the number at the end alone by this."""
+    stem = file.stem.rstrip("0123456789")
+    return stem, int(file.stem[len(stem) :] or -1)
 
 
 def _assign_topics(source: Source, requested: Mapping[str, str]) -> dict[str, str]:
@@ -519,7 +621,6 @@ def _check_overlap(contents: ImportedContents, notes: Notes) -> None:
                 f"{name} {longest.first_ns * 1e-9:.3f} to {longest.last_ns * 1e-9:.3f} s"
             )
         if info.last_ns < longest.first_ns or info.first_ns > longest.last_ns:
-            what = f"ends at {info.last_ns * 1e-9:.6f} s" if info.last_ns < longest.first_ns else "begins only here"
-            period_text = f"{longest.first_ns * 1e-9:.6f} to {longest.last_ns * 1e-9:.6f} s"
-            description = f"{what}, where {name} runs from {period_text}: expected stamps of one clock"
+            spans = [f"{i.first_ns * 1e-9:.3f} to {i.last_ns * 1e-9:.3f} s" for i in (info, longest)]
+            description = f"stamps from {spans[0]}, where {name} has {spans[1]}: expected stamps of one clock"
             notes.add_problem(Problem(topic, info.first_ns, description))

@@ -15,7 +15,8 @@ import numpy as np
 
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.assumed_calibration import make_pinhole, read_first_image_size
-from stridetwin.streams.formats.derived import join_at_gyro_stamps, to_odometry
+from stridetwin.streams.formats.derived import check_overlap, join_at_gyro_stamps, to_odometry
+from stridetwin.streams.formats.frame_intrinsics import choose_frame
 from stridetwin.streams.formats.image_files import choose_camera, read_image_list, write_depth, write_image
 from stridetwin.streams.formats.text_rows import read_numbers, read_text_rows, write_text_rows
 from stridetwin.streams.formats.tum import format_seconds, parse_seconds, write_tum
@@ -36,6 +37,8 @@ TRUTH_TOPIC = "/truth/head/color/odometry"
 # names of the columns after the stamp: angular rate in rad/s, specific force in m/s², position in m and quaternion
 _RATE, _FORCE = ("wx", "wy", "wz"), ("ax", "ay", "az")
 _POSE = ("tx", "ty", "tz", "qx", "qy", "qz", "qw")
+_INTRINSICS = ("fx", "fy", "cx", "cy")
+"""What `calibration.txt` has, once or for each image."""
 _PLAUSIBLE_M = (0.25, 15.0)
 """Between these is the median depth of an image at the right scale."""
 
@@ -74,7 +77,7 @@ def read_tum_rgbd(path: Path, notes: Notes, per_metre: float = PER_METRE) -> Sou
         t_ns, table = read_numbers(file, rows, [(n, i + 1) for i, n in enumerate(_POSE)], parse_seconds, notes)
         p, q = table[:, :3], table[:, [6, 3, 4, 5]]  # the quaternion as w, x, y, z
         blocks[TRUTH_TOPIC] = to_odometry(TRUTH_TOPIC, t_ns, p, q, None, notes, file)
-    return Source(kind="tum", blocks=blocks, images=images, rig=_read_rig(path, images), unread={})
+    return Source(kind="tum", blocks=blocks, images=images, rig=_read_rig(path, images, notes), unread={})
 
 
 def _read_inertial(path: Path, notes: Notes) -> dict[str, Block[Sample]]:
@@ -91,8 +94,11 @@ def _read_inertial(path: Path, notes: Notes) -> dict[str, Block[Sample]]:
         blocks[IMU] = Block(topic=IMU, kind=Imu, t_ns=t_ns, columns=columns)
     elif rate_file.is_file() and len(blocks.get(ACCELEROMETER, ())) > 1:  # two forces, to interpolate between
         t_ns, table = _read_columns(rate_file, _RATE, notes)
+        forces = blocks[ACCELEROMETER]
+        if not check_overlap(rate_file.name, t_ns, force_file.name, forces.t_ns, notes):
+            return blocks
         gyro = Block(topic=IMU, kind=Imu, t_ns=t_ns, columns={"angular_rate": table})
-        blocks[IMU] = join_at_gyro_stamps(IMU, gyro, blocks[ACCELEROMETER])
+        blocks[IMU] = join_at_gyro_stamps(IMU, gyro, forces)
         notes.warn("gyroscope.txt and accelerometer.txt are joined, the force interpolated to the stamps of the rate")
     return blocks
 
@@ -120,15 +126,16 @@ def _check_depth(images: ImageStream, per_metre: float, notes: Notes) -> None:
         )
 
 
-def _read_rig(path: Path, images: dict[str, ImageStream]) -> Rig:
+def _read_rig(path: Path, images: dict[str, ImageStream], notes: Notes) -> Rig:
     """A rig of the camera in `calibration.txt`; without sensors if there is no such file, or no image that is readable.
 
     Args:
         path: The folder.
         images: Colour and depth, as far as they exist; the camera is that of colour, or else that of depth.
+        notes: Collects how much the intrinsics change, in a file with a row for each image.
 
     Raises:
-        ConfigError: The file has other contents than fx fy cx cy.
+        ConfigError: The file has other contents than fx fy cx cy, or a row of these for each image.
     """
     file = path / "calibration.txt"
     topic = COLOR if COLOR in images else DEPTH
@@ -136,13 +143,18 @@ def _read_rig(path: Path, images: dict[str, ImageStream]) -> Rig:
         return Rig()
     _, rows = read_text_rows(file, None)
     cells = [w for row in rows for w in row.cells]
+    per_image = len(rows) > 1 and all(len(row.cells) >= len(_INTRINSICS) for row in rows)
+    # of rows of five numbers, the first is a stamp
+    start = 1 if per_image and all(len(row.cells) == 1 + len(_INTRINSICS) for row in rows) else 0
+    chosen = [row.cells[start : start + len(_INTRINSICS)] for row in rows] if per_image else [cells[:4]]
     try:
-        fu, fv, pu, pv = (float(w) for w in cells[:4])
-        sound = bool(np.isfinite([fu, fv, pu, pv]).all() and fu > 0 and fv > 0)
+        table = np.array([[float(word) for word in row] for row in chosen]).reshape(-1, len(_INTRINSICS))
+        sound = bool(np.isfinite(table).all() and len(table) and (table[:, :2] > 0).all())
     except ValueError:
         sound = False
     if not sound:
         raise ConfigError(file, "calibration", " ".join(cells[:8]), "fx fy cx cy, focal lengths above 0")
+    fu, fv, pu, pv = table[choose_frame(file.name, table, notes)].tolist()
     rate, depth = mean_rate(images[topic].t_ns), DEPTH if DEPTH in images else ""
     return Rig(cameras={topic: make_pinhole(topic, size, (fu, fv, pu, pv), rate, depth)})
 

@@ -14,6 +14,9 @@ from stridetwin.streams.recording.index import Notes, Problem, TopicInfo, rate_p
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import LATEST_NS, Block, Depth, Image, Mask, Sample, Stamps, is_increasing
 
+_MOST_LISTED = 12
+"""Most streams that an error lists."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ImageStream:
@@ -90,7 +93,10 @@ class ImportedContents:
         self.topics = {topic: _to_topic_info(block.kind, block.t_ns) for topic, block in self._blocks.items()}
         self.topics |= {topic: _to_topic_info(stream.kind, stream.t_ns) for topic, stream in self._images.items()}
         if not self.topics:
-            raise RecordingError(f"{notes.path}: no readable sample")
+            contents = [*blocks, *images, *(f"{topic} ({kind})" for topic, kind in sorted(unread.items()))]
+            cause = f"; {notes.problems[0]}" if notes.problems else ""
+            listed = ", ".join(contents[:_MOST_LISTED]) or "no stream"
+            raise RecordingError(f"{notes.path}: no readable sample; it has {listed}{cause}")
         for problem in rate_problems(rig, self.topics):
             notes.add_problem(problem)
 

@@ -295,7 +295,9 @@ class RecordingIndex:
             schema = self._schemas.get(record.schema_id)
             name = schema.name if schema else ""  # ROS type of the messages
             self.channels[record.id] = record.topic
-            if schema is None or name not in READABLE or record.message_encoding != "cdr":
+            if schema is None or record.message_encoding != "cdr":
+                self.unread[record.topic] = f"{name or 'unknown type'} in {record.message_encoding or 'no encoding'}"
+            elif name not in READABLE:
                 self.unread[record.topic] = name
             elif record.topic in self.readers:
                 self.notes.add_problem(Problem(record.topic, None, "a second publisher, which is not read"))

@@ -19,7 +19,8 @@ from stridetwin.streams.recording.mcap_contents import McapContents, Message
 from stridetwin.streams.recording.recording_schema import RIG_NAME
 from stridetwin.streams.recording.writer import RecordingWriter
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Block, Depth, Image, Sample, Stamps
+from stridetwin.streams.samples import Accelerometer, Block, Depth, Image, Imu, Sample, Stamps
+from stridetwin.streams.segments import segment_of, side_of
 
 if TYPE_CHECKING:
     import pandas
@@ -27,6 +28,16 @@ if TYPE_CHECKING:
 __all__ = ["Contents", "Problem", "Recording", "RecordingWriter", "TopicInfo"]
 
 
+_MOST_UNREAD = 8
+"""Most topics that are not read which an error lists."""
+_KIND_OF: dict[str, type[Sample]] = {
+    "imu": Imu,
+    "accelerometer": Accelerometer,
+    "color": Image,
+    "camera": Image,
+    "depth": Depth,
+}
+"""Kind of the samples of a sensor, by the end of its topic."""
 Contents = McapContents | ImportedContents
 """Source of a recording's samples: an MCAP file, or the files of another tool."""
 
@@ -212,8 +223,14 @@ class Recording:
         if topic not in self.topics:
             if f"/{topic}" in self.topics:
                 raise RecordingError(f"{self.path}: no topic {topic!r}: expected {f'/{topic}'!r}, with a slash")
-            topics = ", ".join(sorted(self.topics)) or "none"
-            raise RecordingError(f"{self.path}: no topic {topic!r}; it has {topics}{self.map_hint(topic)}")
+            raise RecordingError(f"{self.path}: no topic {topic!r}; {self.describe_topics()}{self.map_hint(topic)}")
+
+    def describe_topics(self) -> str:
+        """The topics, and those that are not read with their types, as in `it has /head/imu; not read: /tf (...)`."""
+        unread = [f"{topic} ({kind})" for topic, kind in sorted(self.unread.items()) if kind]
+        more = [f"and {len(unread) - _MOST_UNREAD} more"] if len(unread) > _MOST_UNREAD else []
+        not_read = f"; not read: {', '.join([*unread[:_MOST_UNREAD], *more])}" if unread else ""
+        return f"it has {', '.join(sorted(self.topics)) or 'none'}{not_read}"
 
     def map_hint(self, topic: str) -> str:
         """How `--map` gives a stream of another tool's recording the name of a missing topic, to append to an error.
@@ -222,12 +239,17 @@ class Recording:
             topic: The missing topic, such as `/foot_l/imu`.
 
         Returns:
-            Text such as `; if /head/imu is that sensor: --map /head/imu=/foot_l/imu`; "" if no topic ends alike, or for
-            our own recordings, whose topics say where the sensors are.
+            Text such as `; if /head/imu is that sensor: --map /head/imu=/foot_l/imu`, with a stream of the same kind
+            that has the same side, if there is one; "" if there is no such stream, or for our own recordings, whose
+            topics say where the sensors are.
         """
-        last = topic.rpartition("/")[2]  # what the sensor is, such as `imu`
-        alike = [t for t in sorted(self.topics) if t.rpartition("/")[2] == last and not t.startswith("/truth/")]
+        kind = _KIND_OF.get(topic.rpartition("/")[2])  # by what the sensor is, such as `imu`
+        alike = [t for t, info in sorted(self.topics.items()) if info.kind is kind and not t.startswith("/truth/")]
+        # a sensor that is named as that of another part of the body, such as the pelvis, is none of a foot
+        side, segment = side_of(topic), segment_of(topic)
+        alike = [t for t in alike if not side or segment_of(t) in ("", "head", "foot", segment)]
         if self.schema_version or not alike:
             return ""
+        alike.sort(key=lambda name: side_of(name.lower()) != side)
         wanted = f"/{topic.lstrip('/')}"
         return f"; if {alike[0]} is that sensor: --map {alike[0]}={wanted}"

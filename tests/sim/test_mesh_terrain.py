@@ -1,5 +1,7 @@
 """A mesh becomes exact boxes and wedges, with its error reported; what cannot be replaced or trusted is refused."""
 
+import base64
+import json
 import math
 import struct
 
@@ -115,6 +117,114 @@ def test_hostile_meshes_are_refused(tmp_path, name, data, said):
         mesh_terrain(MeshWay(path=tmp_path / name), 2.4)
 
 
+FOUR_STEPS = {"risers": (0.17,) * 4, "tread": 0.29}
+Y_UP = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1.0]])
+
+
+def lying(mesh, *, y_up=False, scale=1.0, shift=(0.0, 0.0, 0.0), turn_deg=0.0):
+    """A mesh as other programs export it: turned, moved, in another unit and with another axis up."""
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(math.radians(turn_deg), [0, 0, 1], [0, 0, 0]))
+    mesh.apply_translation(shift)
+    if y_up:
+        mesh.apply_transform(Y_UP)
+    mesh.apply_scale(scale)
+    return mesh
+
+
+@pytest.mark.parametrize(
+    ("place", "size", "advice"),
+    [
+        ({"y_up": True}, "9.37 x 1.68 x 3 m", "`up: y`$"),
+        ({"scale": 100.0}, "937 x 300 x 168 m", "`unit: cm`$"),
+        ({"scale": 1000.0}, "9370 x 3000 x 1680 m", "`unit: mm`$"),
+        ({"scale": 1 / 0.0254}, "368.9 x 118.1 x 66.14 m", "`unit: in`$"),
+        ({"scale": 1000.0, "y_up": True}, "9370 x 1680 x 3000 m", "`up: y`, `unit: mm`$"),
+        ({"shift": (10.0, 5.0, 0.0)}, "9.37 x 3 x 1.68 m", r"`start_m: \[9\.01, 5\]`$"),
+        (
+            {"turn_deg": 90.0, "shift": (20.0, 3.0, 0.0)},
+            "3 x 9.37 x 1.68 m",
+            r"`start_m: \[20, 2\.01\]`, `heading_deg: 90`$",
+        ),
+    ],
+)
+def test_a_mesh_that_lies_otherwise_is_refused_with_its_size_and_the_keys_that_help(tmp_path, place, size, advice):
+    mesh = lying(stair(**FOUR_STEPS), **place)
+    with pytest.raises(StrideTwinError, match=advice) as refused:
+        mesh_terrain(way(tmp_path / "a.stl", mesh), 2.4)
+    (line,) = str(refused.value).splitlines()
+    assert f"the mesh is {size} along its x, y, z" in line
+    for key in ("`up: y`", "`unit`", "`start_m`", "`heading_deg`"):
+        assert key in line
+
+
+@pytest.mark.parametrize(
+    ("unit", "scale"),
+    [("cm", 100.0), ("mm", 1000.0), ("in", 1 / 0.0254), ("inch", 1 / 0.0254), (0.25, 4.0), ("ft", 1 / 0.3048)],
+)
+def test_units_of_a_mesh(tmp_path, unit, scale):
+    from stridetwin.scenarios.scenario_file import read_scenario
+
+    lying(stair(**FOUR_STEPS), scale=scale).export(tmp_path / "stair.stl")
+    (tmp_path / "walk.yaml").write_text(
+        f"description: a\nterrain: {{mesh: {{file: stair.stl, unit: {unit}, length_m: 4}}}}\nwidth_m: 2\n"
+    )
+    (flight,) = [s for s in read_scenario(tmp_path / "walk.yaml").config.route.segments if isinstance(s, Stairs)]
+    assert flight.heights_m == pytest.approx((0.17,) * 4, abs=1e-6)
+
+
+@pytest.mark.parametrize("suffix", ["glb", "gltf"])
+def test_gltf_has_y_up(tmp_path, suffix):
+    mesh = lying(stair(), y_up=True)
+    file = tmp_path / f"a.{suffix}"
+    exported = mesh.export(file_type=suffix)
+    for name, data in ({file.name: exported} if suffix == "glb" else exported).items():
+        (tmp_path / (file.name if name == "model.gltf" else name)).write_bytes(data)
+    segments, _ = mesh_terrain(MeshWay(path=file), 2.4)
+    assert [type(p) for p in segments] == [Level, Stairs, Level, Ramp, Level]
+    with pytest.raises(StrideTwinError, match=r"with up: z .*there is a way with `up: y`"):
+        mesh_terrain(MeshWay(path=file, up="z"), 2.4)
+
+
+def gltf(**changes):
+    """The text of a glTF file of one triangle, whose numbers are in the text."""
+    numbers = np.array([[0, 0, 0], [1, 0, 0], [0, 0, -1]], "<f4").tobytes()
+    header = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+        "bufferViews": [{"buffer": 0, "byteLength": len(numbers)}],
+        "buffers": [{"uri": f"data:;base64,{base64.b64encode(numbers).decode()}", "byteLength": len(numbers)}],
+    }
+    return json.dumps(header | changes).encode()
+
+
+MANY = {"componentType": 5126, "count": 2_000_000_000, "type": "VEC3"}
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "said"),
+    [
+        ("a.glb", b"glTF", "no GLB mesh"),
+        ("a.gltf", b"[1]", "no GLTF mesh"),
+        ("a.gltf", b"[" * 100_000, "no GLTF mesh"),
+        ("a.gltf", gltf(accessors=[MANY]), "elements declared"),
+        ("a.gltf", gltf(nodes=[{"mesh": 0}] * 200_000), "nodes declared"),
+        ("a.gltf", gltf(nodes=[{"mesh": 0, "children": [0] * 200_000}]), "nodes declared"),
+        ("a.gltf", gltf(meshes=[{"primitives": [{"attributes": {"POSITION": 0}}] * 200_000}]), "nodes declared"),
+        ("a.gltf", gltf(nodes=[{"mesh": 7}]), "no GLTF mesh"),
+        ("a.gltf", gltf(buffers=[{"uri": "../secret.bin", "byteLength": 36}]), "files in the same folder"),
+        ("a.gltf", gltf(buffers=[{"uri": "missing.bin", "byteLength": 36}]), "missing.bin: cannot be read"),
+        ("a.gltf", gltf(extensionsRequired=["KHR_draco_mesh_compression"]), "geometry that is not packed"),
+    ],
+)
+def test_hostile_gltf_is_refused(tmp_path, name, data, said):
+    (tmp_path / name).write_bytes(data)
+    with pytest.raises(StrideTwinError, match=said):
+        mesh_terrain(MeshWay(path=tmp_path / name), 2.4)
+
+
 def test_a_scenario_takes_a_mesh_and_reports_its_replacement(tmp_path):
     from stridetwin.scenarios.scenario_file import read_scenario
 
@@ -124,7 +234,7 @@ def test_a_scenario_takes_a_mesh_and_reports_its_replacement(tmp_path):
     scenario = read_scenario(file)
     assert any(isinstance(s, Stairs) for s in scenario.config.route.segments)
     assert "replaced by exact boxes and wedges" in scenario.notes[0]
-    file.write_text("description: a\nterrain: {mesh: {file: stair.stl, unit: inch}}\n")
-    with pytest.raises(StrideTwinError, match=r"walk.yaml: terrain.mesh.unit: invalid 'inch': expected m, mm"):
+    file.write_text("description: a\nterrain: {mesh: {file: stair.stl, unit: furlong}}\n")
+    with pytest.raises(StrideTwinError, match=r"walk.yaml: terrain.mesh.unit: invalid 'furlong': expected m, mm, cm"):
         read_scenario(file)
     assert np.isfinite(scenario.config.route.width_m)

@@ -182,3 +182,22 @@ def test_aria_without_its_package_is_one_line(tmp_path, monkeypatch):
     (tmp_path / "walk.vrs").write_bytes(b"VisionRe")
     with pytest.raises(StrideTwinError, match=r"projectaria_tools\S* is not installed; .*pip install '\.\[aria\]'"):
         open_any(tmp_path / "walk.vrs")
+
+
+@pytest.mark.parametrize("spread", [0.0, 4.0])
+def test_intrinsics_of_each_image_of_a_phone(tmp_path, spread):
+    focal = 60.0 + spread * np.linspace(-1, 1, FRAMES)
+    each = [[f, f, 31.0, 23.5] for f in focal.tolist()]
+    (stray := tmp_path / "stray").mkdir()
+    stray_scanner(stray, imu=False)
+    lines = (stray / "odometry.csv").read_text().splitlines()
+    rows = [f"{line}, {', '.join(map(repr, values))}" for line, values in zip(lines[1:], each)]
+    (stray / "odometry.csv").write_text("\n".join([f"{lines[0]}, fx, fy, cx, cy", *rows]) + "\n")
+    (scan := tmp_path / "scan").mkdir()
+    record3d(scan)
+    metadata = json.loads((scan / "metadata").read_text())
+    (scan / "metadata").write_text(json.dumps(metadata | {"perFrameIntrinsicCoeffs": each}))
+    for folder in (stray, scan):
+        recording = open_any(folder)
+        assert recording.rig.cameras["/head/color"].intrinsics[0] == pytest.approx(60.0, abs=0.1 * spread + 1e-9)
+        assert any("the intrinsics change from image to image" in w for w in recording.warnings) == bool(spread)
