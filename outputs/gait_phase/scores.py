@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from stridetwin.estimators.gait_phase import PhaseEstimate
 from stridetwin.outputs.base import BAD_SHARE, DESCRIPTIVE, SHARE, Evaluated, Score
+from stridetwin.outputs.coverage import COVERAGE, covered_share
 from stridetwin.streams.samples import Array, Footprint
 
 TERRAINS = LEVEL, STAIRS, RAMP = ("level", "stairs", "ramp")
@@ -32,6 +33,7 @@ _TERRAIN_OF_MODE = {"LG": LEVEL, "SA": STAIRS, "SD": STAIRS, "RA": RAMP, "RD": R
 _INTERVAL_95 = 1.96
 
 SCORES = (
+    COVERAGE,
     Score(name="rmse_pct", heading="phase %", label="Phase, RMS error", unit="% of the cycle"),
     Score(name="rmse_steady_pct", heading="steady %", label="the same in steady walking on the level", unit="%"),
     Score(name="rmse_level_pct", heading="level %", label="the same on the level", unit="%"),
@@ -219,7 +221,8 @@ def phase_scores(series: PhaseSeries, strides: Sequence[Stride]) -> dict[str, fl
         95 % interval; `not_walking_pct`, share of counted samples without a claimed phase; `touch_down_error_ms`, mean
         size of the time error of matched touch-downs, and `touch_down_bias_ms`, positive if late; `missed` true
         touch-downs without a detected one within 0.25 s, and `extra` detected ones beyond the true ones between the
-        first and the last; `strides` counted. Empty without a counted stride.
+        first and the last; `strides` counted; `coverage_pct` of the time from the first to the last
+        stride. Empty without a counted stride.
     """
     counted = [s for s in strides if not s.is_pause]
     # a stride, its (N,) errors and their (N,) standard deviations
@@ -243,6 +246,7 @@ def phase_scores(series: PhaseSeries, strides: Sequence[Stride]) -> dict[str, fl
         "not_walking_pct": 100.0 * float((~walking).mean()),
         **_touch_down_scores(find_touch_downs(series), strides),
         "strides": float(len(rows)),
+        COVERAGE.name: 100.0 * covered_share(series.t_ns, strides[0].begin_ns, strides[-1].end_ns),
     }
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate
 from stridetwin.outputs.alignment import MovingAlignment
 from stridetwin.outputs.base import DESCRIPTIVE, LEAD, SHARE, Score, Scores
+from stridetwin.outputs.coverage import COVERAGE
 from stridetwin.outputs.modes.approaches import score_approaches
 from stridetwin.outputs.modes.true_steps import alternative_modes, first_predictions, predictions_by_step, slope_under
 from stridetwin.outputs.terrain.changes import ScoredChange
@@ -35,6 +36,7 @@ _CHANGES = {
 """Mode that a change leads to: its part of a score's name, and of the score's label."""
 
 SCORES = (
+    COVERAGE,
     Score(
         name="accuracy_pct",
         scale=SHARE,

@@ -11,6 +11,7 @@ import numpy as np
 from stridetwin.estimators.terrain_map import Profile, TerrainMap
 from stridetwin.outputs.alignment import YawAlignment
 from stridetwin.outputs.base import BAD_SHARE, DESCRIPTIVE, SHARE, Score, Scores
+from stridetwin.outputs.coverage import COVERAGE
 from stridetwin.outputs.terrain.changes import ScoredChange, TerrainChange, mode_of
 from stridetwin.outputs.truth import edges, flights, scoring_time_ns
 from stridetwin.streams.samples import Array
@@ -38,6 +39,7 @@ _EVERY = 5
 """Every n-th point is measured."""
 
 SCORES = (
+    COVERAGE,
     Score(
         name="accuracy_rmse_mm",
         heading="accuracy mm",

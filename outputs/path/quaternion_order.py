@@ -1,0 +1,83 @@
+"""Quaternions in another order than w, x, y, z, which the true attitudes show.
+
+The rotation since the first pose, R₀ᵀ Rᵢ, does not depend on the alignment; in another order it is wrong by much unless
+the frame turns about one axis alone, as a foot on a straight way does. Then the attitude is half a turn off all the
+way, in a world in which the positions are upright.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from stridetwin.outputs.alignment import vertical_rotation
+from stridetwin.streams.samples import Array
+from stridetwin.streams.trajectory import Trajectory
+
+_MIN_ERROR_RAD, _RATIO, _MAX_POSES = 0.09, 3.0, 1000
+"""Mean error of the attitude from which another order of the quaternions is tried, how many times smaller the error
+must then be, and how many poses are compared."""
+_TILTED_RAD, _UPRIGHT_RAD = math.radians(45.0), math.radians(30.0)
+"""Least tilt of the attitude in a wrong order, which is mostly half a turn, and largest one in the right order."""
+
+
+def steps_to_order(estimate: Trajectory, truth: Trajectory, steps: tuple[int, ...] = (1, -1)) -> int:
+    """How far the components of the quaternions must be rolled to agree with the truth; 0 as they are.
+
+    Args:
+        estimate: N poses in a world of their own.
+        truth: The true poses at the same stamps.
+        steps: Rolls to try: 1 makes w, x, y, z of x, y, z, w, and -1 of z, w, x, y (w first read as w last).
+    """
+    every = slice(None, None, 1 + len(truth) // _MAX_POSES)  # enough poses
+    estimate, truth = estimate[every], truth[every]
+    error, tilt = _turning_error(estimate.q_world_frame, truth), tilt_of_world(estimate, truth)
+    for step in steps:
+        q = np.roll(estimate.q_world_frame, step, axis=1)
+        other_error = _turning_error(q, truth)
+        if error >= _MIN_ERROR_RAD:
+            if other_error * _RATIO < error:
+                return step
+        elif tilt > _TILTED_RAD and other_error < _MIN_ERROR_RAD:
+            other = Trajectory(t_ns=estimate.t_ns, p_frame_in_world=estimate.p_frame_in_world, q_world_frame=q)
+            is_upright = tilt_of_world(other, truth) < _UPRIGHT_RAD
+            if is_upright and _shape_error(other, truth) < _shape_error(estimate, truth):
+                return step
+    return 0
+
+
+def tilt_of_world(estimate: Trajectory, truth: Trajectory) -> float:
+    """Median angle, rad, by which the attitudes say that the estimate's z axis is off the true one.
+
+    Args:
+        estimate: N poses.
+        truth: The true poses at the same stamps.
+    """
+    return float(np.median(np.arccos(np.clip(_to_truth(estimate.q_world_frame, truth)[:, 2, 2], -1.0, 1.0))))
+
+
+def _turning_error(q: Array, truth: Trajectory) -> float:
+    """Mean angle between the rotations since the first pose, of attitudes (N, 4) and the truth, rad."""
+    rotations = [Rotation.from_quat(quaternions, scalar_first=True) for quaternions in (q, truth.q_world_frame)]
+    since_first = [rotation[0].inv() * rotation for rotation in rotations]
+    return float((since_first[0].inv() * since_first[1]).magnitude().mean())
+
+
+def _to_truth(q: Array, truth: Trajectory) -> Array:
+    """(N, 3, 3) rotations from the estimate's world to the true one, by attitudes (N, 4) and the true ones."""
+    rotations = [Rotation.from_quat(quaternions, scalar_first=True) for quaternions in (truth.q_world_frame, q)]
+    return np.asarray((rotations[0] * rotations[1].inv()).as_matrix())
+
+
+def _shape_error(estimate: Trajectory, truth: Trajectory) -> float:
+    """RMS distance, m, of the positions about their means, rotated to the true world as the attitudes say.
+
+    The rotation about the vertical is that of the positions, as a heading may drift.
+    """
+    mean = Rotation.from_matrix(_to_truth(estimate.q_world_frame, truth)).mean().as_matrix()
+    p = (estimate.p_frame_in_world - estimate.p_frame_in_world.mean(axis=0)) @ mean.T
+    true_p = truth.p_frame_in_world - truth.p_frame_in_world.mean(axis=0)
+    R = vertical_rotation(true_p.T @ p)
+    return float(np.sqrt(np.mean((p @ R.T - true_p) ** 2)))
