@@ -18,7 +18,7 @@ from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.upright import normals, upward
 from stridetwin.outputs.feeding import runnable_instances
 from stridetwin.outputs.parameters import ParameterValues, with_parameters
-from stridetwin.outputs.path.estimate_file import settle_order, span_of
+from stridetwin.outputs.path.estimate_file import ASSUMED_W_FIRST, settle_order, span_of
 from stridetwin.outputs.path.files import is_reliable
 from stridetwin.outputs.path.run import run_paths
 from stridetwin.outputs.pose_feed import default_odometry
@@ -144,7 +144,7 @@ def _settle_by_ground(recording: Recording, read: TrajectoryFile, notes: Notes) 
         )
         return other
     if read.order == W_FIRST:
-        notes.warn(f"its quaternions are read with w first; --quaternion {other.order} if w is last")
+        notes.warn(ASSUMED_W_FIRST)
     return read
 
 

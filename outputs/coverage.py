@@ -69,6 +69,7 @@ def describe_partial(walks: Sequence[tuple[str, Mapping[str, Scores]]]) -> list[
     warnings = []
     for name, of_walks in by_output.items():
         walk, least = min(of_walks.items(), key=lambda item: item[1])
-        where = f"of {walk}" if len(walks) == 1 else f"of {walk}, the least of {len(of_walks)} walks below 95 %"
+        others = f", and less than {ENOUGH_PCT:g} % of {len(of_walks)} of {len(walks)} walks" if len(walks) > 1 else ""
+        where = f"of {walk}{others}"
         warnings.append(f"{name} covers {least:.1f} % {where}: its scores are those of that part alone")
     return warnings

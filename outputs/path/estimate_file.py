@@ -18,6 +18,9 @@ from stridetwin.streams.trajectory import Trajectory
 _TILTED_RAD = math.radians(20.0)
 """A world that is tilted by more has no z axis upwards; an estimate of gravity is never so wrong."""
 
+ASSUMED_W_FIRST = "its quaternions are read with w first (--quaternion wxyz); --quaternion xyzw if w is last"
+"""Warning about a trajectory without names of columns."""
+
 
 def read_estimate(
     file: Path,
@@ -76,19 +79,36 @@ def settle_order(
     poses = read.path[inside]
     true_poses = truth.at(poses.t_ns)
     tilt = tilt_of_world(poses, true_poses)
-    step = -1 if read.order != W_FIRST else 1
-    if not read.is_order_known and steps_to_order(poses, true_poses, (step,)):
-        settled = read.with_other_order()
-        orders = "w last, not first" if settled.order != W_FIRST else "w first"
-        notes.warn(
-            f"as {read.order} its attitude is off the truth all the way (its z axis by {math.degrees(tilt):.0f}°), as "
-            f"{settled.order} it agrees: read with {orders}; --quaternion {settled.order} says so, "
-            f"--quaternion {read.order} keeps the other order"
-        )
-        return settled
+    step = 1 if read.order == W_FIRST else -1
+    if steps_to_order(poses, true_poses, (step,), by_shape=not read.is_order_known):
+        if read.is_order_known:  # the scores refuse a wrong order that the user or a header has given
+            return read
+        read = _with_right_order(read, tilt, notes)
+        tilt = tilt_of_world(read.path[inside], true_poses)
+    elif read.order == W_FIRST and not read.is_order_known:
+        notes.warn(ASSUMED_W_FIRST)
     if tilt > _TILTED_RAD and not may_tilt:
         notes.warn(
             f"its world's z axis is {math.degrees(tilt):.0f}° off the vertical, as in the world of a camera's first "
             "image: --align se3 rotates it; if the quaternion has another order, --quaternion says it"
         )
     return read
+
+
+def _with_right_order(read: TrajectoryFile, tilt: float, notes: Notes) -> TrajectoryFile:
+    """The trajectory with its quaternions in the other order, with a note that says so.
+
+    Args:
+        read: In the wrong order.
+        tilt: Of its world by the truth, rad.
+        notes: Gets the note.
+    """
+    settled = read.with_other_order()
+    wrong, right = ("w last", "w first") if settled.order == W_FIRST else ("w first", "w last")
+    is_turn = tilt > _TILTED_RAD
+    off = f"its attitude is {math.degrees(tilt):.0f}° off all the way" if is_turn else "its attitude does not fit"
+    notes.warn(
+        f"the truth says that its quaternions have {right}: with {wrong} {off}; read as {settled.order}, --quaternion "
+        f"{settled.order} says so, --quaternion {read.order} keeps the other order"
+    )
+    return settled

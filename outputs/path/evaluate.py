@@ -22,7 +22,7 @@ LARGEST_SCORE = 1e100
 _MAX_NORM_ERROR = 1e-3
 """Of a quaternion."""
 _ORDERS = {
-    1: "the order x, y, z, w (SciPy's as_quat has it without scalar_first=True)",
+    1: "the order x, y, z, w (SciPy's as_quat has it without scalar_first=True; of a file, --quaternion xyzw reads it)",
     -1: "w first in a TUM file, which has w last (--quaternion wxyz reads it)",
 }
 """What has gone wrong, by the steps that (N, 4) quaternions must be rolled to become w, x, y, z."""

@@ -19,17 +19,22 @@ from stridetwin.streams.trajectory import Trajectory
 _MIN_ERROR_RAD, _RATIO, _MAX_POSES = 0.09, 3.0, 1000
 """Mean error of the attitude from which another order of the quaternions is tried, how many times smaller the error
 must then be, and how many poses are compared."""
+_LEAST_M = 1e-3
+"""A smaller difference of the shapes is one of rounding."""
 _TILTED_RAD, _UPRIGHT_RAD = math.radians(45.0), math.radians(30.0)
 """Least tilt of the attitude in a wrong order, which is mostly half a turn, and largest one in the right order."""
 
 
-def steps_to_order(estimate: Trajectory, truth: Trajectory, steps: tuple[int, ...] = (1, -1)) -> int:
+def steps_to_order(
+    estimate: Trajectory, truth: Trajectory, steps: tuple[int, ...] = (1, -1), *, by_shape: bool = False
+) -> int:
     """How far the components of the quaternions must be rolled to agree with the truth; 0 as they are.
 
     Args:
         estimate: N poses in a world of their own.
         truth: The true poses at the same stamps.
         steps: Rolls to try: 1 makes w, x, y, z of x, y, z, w, and -1 of z, w, x, y (w first read as w last).
+        by_shape: Another order is also right if the attitudes turn the positions to the true ones much better with it.
     """
     every = slice(None, None, 1 + len(truth) // _MAX_POSES)  # enough poses
     estimate, truth = estimate[every], truth[every]
@@ -40,10 +45,11 @@ def steps_to_order(estimate: Trajectory, truth: Trajectory, steps: tuple[int, ..
         if error >= _MIN_ERROR_RAD:
             if other_error * _RATIO < error:
                 return step
-        elif tilt > _TILTED_RAD and other_error < _MIN_ERROR_RAD:
+        elif (by_shape or tilt > _TILTED_RAD) and other_error < _MIN_ERROR_RAD:
             other = Trajectory(t_ns=estimate.t_ns, p_frame_in_world=estimate.p_frame_in_world, q_world_frame=q)
-            is_upright = tilt_of_world(other, truth) < _UPRIGHT_RAD
-            if is_upright and _shape_error(other, truth) < _shape_error(estimate, truth):
+            error_m, other_error_m = _shape_error(estimate, truth), _shape_error(other, truth)
+            is_turn = tilt > _TILTED_RAD and tilt_of_world(other, truth) < _UPRIGHT_RAD and other_error_m < error_m
+            if is_turn or (by_shape and other_error_m * _RATIO < error_m - _LEAST_M):
                 return step
     return 0
 
