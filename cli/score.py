@@ -221,10 +221,7 @@ def score_tables(scores: dict[str, Scores]) -> list[str | Table]:
 def _score_table(scores: dict[str, Scores], kind: AnyKind) -> Table:
     """A table of one kind of output: a row per output, a column per score that has a heading."""
     columns = {score.name: score.heading for score in kind.scores if score.heading}
-    rows = [
-        [name, *(f"{values[c]:.3f}" if c in values else "\N{EN DASH}" for c in columns)]
-        for name, values in scores.items()
-    ]
+    rows = [[name, *(f"{values[c]:.3f}" if c in values else "-" for c in columns)] for name, values in scores.items()]
     return table(rows, ["estimator", *columns.values()])
 
 

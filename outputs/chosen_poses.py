@@ -42,8 +42,9 @@ _TILT_RAD = math.radians(30.0)
 
 _LEVEL_RAD = math.radians(5.0)
 """A surface within this angle of the horizontal is level."""
-_LEVELLER, _UPSIDE_DOWN = 1.5, 0.5
-"""How much more of the surfaces must be level for another order of the quaternions, and what counts upside down."""
+_LEVELLER, _TILTED, _UPRIGHT = 1.5, 0.6, math.cos(math.radians(10.0))
+"""How much more of the surfaces must be level for another order of the quaternions; what they count where the z axis is
+not up, and the least z component of the vertical where it is."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -149,13 +150,16 @@ def _settle_by_ground(recording: Recording, read: TrajectoryFile, notes: Notes) 
 
 
 def _level_share(recording: Recording, path: Trajectory) -> float:
-    """Share of the surfaces in some depth images along the vertical of poses of the camera, 0-1; less upside down."""
+    """Share of the surfaces in some depth images along the vertical of poses of the camera, 0-1.
+
+    It counts less if that vertical is not the z axis, which it is in most worlds.
+    """
     views = _views(recording, path, "")
     up = upward(views)
     if up is None:
         return 0.0
     along = np.concatenate([of_image @ R.T for of_image, R in views]) @ up
-    return float(np.mean(along > math.cos(_LEVEL_RAD))) * (_UPSIDE_DOWN if up[2] < -0.5 else 1.0)
+    return float(np.mean(along > math.cos(_LEVEL_RAD))) * (1.0 if up[2] > _UPRIGHT else _TILTED)
 
 
 def find_pose_topic(recording: Recording, camera: CameraCalibration) -> tuple[str, str]:
