@@ -33,7 +33,6 @@ _TERRAIN_OF_MODE = {"LG": LEVEL, "SA": STAIRS, "SD": STAIRS, "RA": RAMP, "RD": R
 _INTERVAL_95 = 1.96
 
 SCORES = (
-    COVERAGE,
     Score(name="rmse_pct", heading="phase %", label="Phase, RMS error", unit="% of the cycle"),
     Score(name="rmse_steady_pct", heading="steady %", label="the same in steady walking on the level", unit="%"),
     Score(name="rmse_level_pct", heading="level %", label="the same on the level", unit="%"),
@@ -50,6 +49,7 @@ SCORES = (
     Score(name="missed", label="Touch-downs that were not detected", digits=0),
     Score(name="extra", label="Detected touch-downs that are none", digits=0),
     Score(name="strides", scale=DESCRIPTIVE, label="Strides", digits=0),
+    COVERAGE,
 )
 """The scores of one leg's phase; see `phase_scores`."""
 

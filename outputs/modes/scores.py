@@ -36,7 +36,6 @@ _CHANGES = {
 """Mode that a change leads to: its part of a score's name, and of the score's label."""
 
 SCORES = (
-    COVERAGE,
     Score(
         name="accuracy_pct",
         scale=SHARE,
@@ -96,6 +95,7 @@ SCORES = (
     Score(name="riser_rmse_mm", heading="riser mm", label="their risers, RMS error", unit="mm", digits=1),
     Score(name="tread_rmse_mm", heading="tread mm", label="their treads, RMS error", unit="mm", digits=1),
     Score(name="slope_rmse_deg", heading="slope °", label="their slopes, RMS error", unit="°"),
+    COVERAGE,
 )
 """The scores of predicted modes; see `scores_of_walk`."""
 

@@ -34,7 +34,6 @@ _MOVED_M = 0.1  # least distance of which an error is a percentage
 CLIMB_M = 0.3  # least change of height of a stretch that counts as a climb
 
 SCORES = (
-    COVERAGE,
     Score(name="end_error_m", heading="end m", label="End error", unit="m", digits=4),
     Score(name="end_error_pct", heading="end %", label="End error, share of the distance", unit="%", digits=3),
     Score(
@@ -66,6 +65,7 @@ SCORES = (
     Score(name="nis_echoes", scale=CLAIM, label="Sonar ranges, NIS per degree of freedom"),
     Score(name="distance_m", scale=DESCRIPTIVE, label="Distance travelled by the frame", unit="m"),
     Score(name="duration_s", scale=DESCRIPTIVE),
+    COVERAGE,
 )
 """The scores of a path. The NIS of other measurements, `nis_KIND`, are claims, too."""
 

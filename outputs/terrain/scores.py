@@ -39,7 +39,6 @@ _EVERY = 5
 """Every n-th point is measured."""
 
 SCORES = (
-    COVERAGE,
     Score(
         name="accuracy_rmse_mm",
         heading="accuracy mm",
@@ -66,6 +65,7 @@ SCORES = (
     Score(name="riser_rmse_mm", heading="riser mm"),
     Score(name="tread_rmse_mm", heading="tread mm"),
     Score(name="slope_rmse_deg", heading="slope °"),
+    COVERAGE,
 )
 """The scores of a terrain map; see `map_figures`."""
 
