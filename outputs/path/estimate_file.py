@@ -6,7 +6,7 @@ import math
 import sys
 from pathlib import Path
 
-from stridetwin.outputs.path.quaternion_order import steps_to_order, tilt_of_world
+from stridetwin.outputs.path.quaternion_order import is_inverse, steps_to_order, tilt_of_world
 from stridetwin.outputs.truth import true_path
 from stridetwin.streams.formats.trajectory_columns import W_FIRST
 from stridetwin.streams.formats.trajectory_file import TrajectoryFile, read_trajectory
@@ -87,7 +87,9 @@ def settle_order(
         tilt = tilt_of_world(read.path[inside], true_poses)
     elif read.order == W_FIRST and not read.is_order_known:
         notes.warn(ASSUMED_W_FIRST)
-    if tilt > _TILTED_RAD and not may_tilt:
+    if is_inverse(read.path[inside], true_poses):
+        notes.warn("its attitudes are those of the world in the frame: expected the frame in the world, the inverse")
+    elif tilt > _TILTED_RAD and not may_tilt:
         notes.warn(
             f"its world's z axis is {math.degrees(tilt):.0f}° off the vertical, as in the world of a camera's first "
             "image: --align se3 rotates it; if the quaternion has another order, --quaternion says it"

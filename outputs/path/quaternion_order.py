@@ -8,20 +8,21 @@ way, in a world in which the positions are upright.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stridetwin.outputs.alignment import vertical_rotation
 from stridetwin.streams.samples import Array
 from stridetwin.streams.trajectory import Trajectory
 
 _MIN_ERROR_RAD, _RATIO, _MAX_POSES = 0.09, 3.0, 1000
 """Mean error of the attitude from which another order of the quaternions is tried, how many times smaller the error
 must then be, and how many poses are compared."""
-_LEAST_M = 1e-3
-"""A smaller difference of the shapes is one of rounding."""
-_TILTED_RAD, _UPRIGHT_RAD = math.radians(45.0), math.radians(30.0)
+_LEAST_M, _NO_WORSE = 1e-3, 1.5
+"""A smaller difference of the shapes is one of rounding, and a misfit up to so many times the other is no worse."""
+_TILTED_RAD, _UPRIGHT_RAD = math.radians(40.0), math.radians(20.0)
 """Least tilt of the attitude in a wrong order, which is mostly half a turn, and largest one in the right order."""
 
 
@@ -38,20 +39,59 @@ def steps_to_order(
     """
     every = slice(None, None, 1 + len(truth) // _MAX_POSES)  # enough poses
     estimate, truth = estimate[every], truth[every]
-    error, tilt = _turning_error(estimate.q_world_frame, truth), tilt_of_world(estimate, truth)
+    read = _misfit(estimate, truth)
     for step in steps:
         q = np.roll(estimate.q_world_frame, step, axis=1)
-        other_error = _turning_error(q, truth)
-        if error >= _MIN_ERROR_RAD:
-            if other_error * _RATIO < error:
-                return step
-        elif (by_shape or tilt > _TILTED_RAD) and other_error < _MIN_ERROR_RAD:
-            other = Trajectory(t_ns=estimate.t_ns, p_frame_in_world=estimate.p_frame_in_world, q_world_frame=q)
-            error_m, other_error_m = _shape_error(estimate, truth), _shape_error(other, truth)
-            is_turn = tilt > _TILTED_RAD and tilt_of_world(other, truth) < _UPRIGHT_RAD and other_error_m < error_m
-            if is_turn or (by_shape and other_error_m * _RATIO < error_m - _LEAST_M):
-                return step
+        other = _misfit(replace(estimate, q_world_frame=q), truth)
+        if _agrees(other, read, by_shape=by_shape):
+            return step
     return 0
+
+
+class _Misfit(NamedTuple):
+    """How far the attitudes of an estimate are off the truth in one order of its quaternions.
+
+    Attributes:
+        turn: Mean error of the rotation since the first pose, rad.
+        tilt: Of the estimate's world, rad.
+        shape: RMS distance of the positions in the true world as the attitudes turn them, m.
+    """
+
+    turn: float
+    tilt: float
+    shape: float
+
+
+def _misfit(estimate: Trajectory, truth: Trajectory) -> _Misfit:
+    """The misfit of an estimate at the stamps of the truth."""
+    return _Misfit(
+        _turning_error(estimate.q_world_frame, truth), tilt_of_world(estimate, truth), _shape_error(estimate, truth)
+    )
+
+
+def _agrees(other: _Misfit, read: _Misfit, *, by_shape: bool) -> bool:
+    """Whether another order of the quaternions agrees with the truth, and the one that was read does not."""
+    if read.turn >= _MIN_ERROR_RAD and other.turn * _RATIO < read.turn:
+        return True
+    if other.turn > _NO_WORSE * read.turn + _MIN_ERROR_RAD:
+        return False
+    is_turn = read.tilt > _TILTED_RAD and other.tilt < _UPRIGHT_RAD
+    if is_turn and other.shape < (_NO_WORSE if by_shape else 1.0) * read.shape:
+        return True
+    return by_shape and other.shape * _RATIO < read.shape - _LEAST_M
+
+
+def is_inverse(estimate: Trajectory, truth: Trajectory) -> bool:
+    """Whether the quaternions turn the world's axes to the frame's instead of the frame's to the world's.
+
+    Args:
+        estimate: N poses in a world of their own.
+        truth: The true poses at the same stamps.
+    """
+    every = slice(None, None, 1 + len(truth) // _MAX_POSES)
+    estimate, truth = estimate[every], truth[every]
+    error = _turning_error(estimate.q_world_frame, truth)
+    return error > _MIN_ERROR_RAD and _RATIO * _turning_error(estimate.q_world_frame * [1, -1, -1, -1], truth) < error
 
 
 def tilt_of_world(estimate: Trajectory, truth: Trajectory) -> float:
@@ -78,12 +118,8 @@ def _to_truth(q: Array, truth: Trajectory) -> Array:
 
 
 def _shape_error(estimate: Trajectory, truth: Trajectory) -> float:
-    """RMS distance, m, of the positions about their means, rotated to the true world as the attitudes say.
-
-    The rotation about the vertical is that of the positions, as a heading may drift.
-    """
+    """RMS distance, m, of the positions about their means, rotated to the true world as the attitudes say."""
     mean = Rotation.from_matrix(_to_truth(estimate.q_world_frame, truth)).mean().as_matrix()
     p = (estimate.p_frame_in_world - estimate.p_frame_in_world.mean(axis=0)) @ mean.T
     true_p = truth.p_frame_in_world - truth.p_frame_in_world.mean(axis=0)
-    R = vertical_rotation(true_p.T @ p)
-    return float(np.sqrt(np.mean((p @ R.T - true_p) ** 2)))
+    return float(np.sqrt(np.mean((p - true_p) ** 2)))

@@ -37,6 +37,7 @@ _LATEST_S = 9e9  # range of 64-bit nanoseconds
 _FARTHEST_M = 1e9  # beyond it squared errors overflow
 _TUM = "t x y z qx qy qz qw"
 _FORMS = f"8 numbers: {_TUM}, more columns with a header that names them, or the 12 numbers of KITTI with --times"
+_UNIT = "a unit quaternion; a header that names the columns says where it is, such as # t id x y z qw qx qy qz"
 _LARGEST = {"s": 1e11, "ms": 1e14, "us": 1e17}
 """Larger stamps, which would be times after the year 5000, have a smaller unit."""
 _MOST_INSIDE, _LEAST_SPAN, _STEPS_S = 0.9, 0.3, (0.002, 1.0)
@@ -241,7 +242,7 @@ def _to_rotations(rows: _Rows, rotation: Array) -> Array:
     """
     if rotation.shape[1] == 4:
         norm = np.linalg.norm(rotation, axis=1)
-        _check_rows(rows, (norm > 0.9) & (norm < 1.1), rotation, "qx qy qz qw", "a unit quaternion")
+        _check_rows(rows, (norm > 0.9) & (norm < 1.1), rotation, "qx qy qz qw", _UNIT)
         return np.asarray(rotation[:, [3, 0, 1, 2]] / norm[:, None])
     from scipy.spatial.transform import Rotation  # here, as its import would double the start time of the command line
 
@@ -398,7 +399,8 @@ def _to_nanoseconds(
             valid = f"a time in {unit} from 0 to {_LATEST_S * 1e9 / UNITS[unit]:g}; --time-unit says another unit"
             raise ConfigError(path, f"line {lines[i]}, t", word, valid)
         if value <= before:
-            raise ConfigError(path, f"line {lines[i]}, t", word, "a time after that of the previous row")
+            hint = "" if unit == "s" else f" (in {unit}; --time-unit says another unit)"
+            raise ConfigError(path, f"line {lines[i]}, t", word, f"a time after that of the previous row{hint}")
         t_ns[i] = before = value
     return t_ns
 

@@ -116,6 +116,16 @@ def test_a_world_whose_z_axis_is_not_up_is_said_and_aligned_on_request(recording
     assert "off the vertical" not in said
 
 
+def test_attitudes_of_the_world_in_the_frame_are_said(recording, tmp_path, capsys):
+    turning = Rotation.from_rotvec(np.outer(np.linspace(0, 3, len(WALK)), [0.2, 0.4, 1.0]))
+    q = turning.as_quat(scalar_first=True)
+    walk = Trajectory(t_ns=WALK.t_ns, p_frame_in_world=WALK.p_frame_in_world, q_world_frame=q)
+    inverse = Trajectory(t_ns=WALK.t_ns, p_frame_in_world=WALK.p_frame_in_world, q_world_frame=q * [1, -1, -1, -1])
+    truth = write_truth(tmp_path / "walk.mcap", walk)
+    assert "the inverse" in score(truth, capsys, write_rows(tmp_path / "a.txt", tum_rows(inverse)))[2]
+    assert "warning" not in score(truth, capsys, write_rows(tmp_path / "b.txt", tum_rows(walk)))[2]
+
+
 def test_stamps_in_nanoseconds_are_read_and_another_clock_is_named(recording, tmp_path, capsys):
     file = write_rows(tmp_path / "orb.txt", [[f"{float(row[0]) * 1e9 + 1.4e18:.6f}", *row[1:]] for row in ROWS])
     code, _, said = score(recording, capsys, file)
