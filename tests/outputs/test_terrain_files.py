@@ -171,7 +171,7 @@ def test_poses_with_w_first_are_noticed_by_the_truth_or_by_the_ground(folder, tm
     assert "rotated" not in printed.out
     assert any(t["type"] == "stairs" for t in json.loads(out.read_text())["terrains"])
     assert main([*command, "--quaternion", "wxyz"]) == 0
-    assert "warning" not in capsys.readouterr().err
+    assert "quaternion" not in capsys.readouterr().err
 
 
 def test_poses_without_stamps_need_times(folder, tmp_path, capsys):
