@@ -21,6 +21,7 @@ from stridetwin.cli.options import (
     SchedulerOption,
     ScoreOnlyOption,
     SourceOptions,
+    TrajectoryFileOptions,
     WalkOptions,
     count,
     one_of,
@@ -136,7 +137,7 @@ class ViewOptions(SourceOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class EstimateOptions(ImportableOptions):
+class EstimateOptions(ImportableOptions, TrajectoryFileOptions):
     """Run one estimator on a recording or an IMU table."""
 
     estimator: Annotated[
@@ -166,7 +167,7 @@ class EstimateOptions(ImportableOptions):
     poses: Annotated[
         str | None,
         option(
-            "terrain_map, locomotion_mode: TUM trajectory of the depth camera's optical frame, or `truth` for the "
+            "terrain_map, locomotion_mode: trajectory of the depth camera's optical frame, or `truth` for the "
             "recording's true poses (default: those that dvio estimates).",
             "FILE",
         ),
@@ -276,7 +277,7 @@ SCORED_FRAME = "foot_l/imu"
 
 
 @dataclass(frozen=True, kw_only=True)
-class ScoreOptions(Options):
+class ScoreOptions(TrajectoryFileOptions):
     """Score estimates against the truth of recordings, and against a baseline."""
 
     recordings: Annotated[
@@ -291,7 +292,9 @@ class ScoreOptions(Options):
         Path | None,
         option("Keep what is scored in this folder, and reuse what an earlier run with equal options has kept.", "DIR"),
     ] = None
-    estimate: Annotated[list[str], option("Score an existing TUM file.", "NAME=FILE")] = field(default_factory=list)
+    estimate: Annotated[
+        list[str], option("Score an existing trajectory: TUM, EuRoC, ORB-SLAM, OpenVINS, KITTI.", "NAME=FILE")
+    ] = field(default_factory=list)
     estimator: Annotated[list[str], option("Score a Python class with update(sample).", "NAME=MODULE:CLASS")] = field(
         default_factory=list
     )

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from stridetwin.cli.commands import EstimateOptions
-from stridetwin.cli.options import Outcome, Progress
+from stridetwin.cli.options import NO_FILE, Outcome, Progress
 from stridetwin.cli.recording import open_source, table_request
 from stridetwin.estimators import registry
 from stridetwin.estimators.base import Declaration, Options, PathEstimate
@@ -21,6 +21,7 @@ from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.imu_table import read_imu_tables
 from stridetwin.streams.formats.measured_calibration import measure_imu
 from stridetwin.streams.formats.opening import imu_topic, is_table, print_warnings
+from stridetwin.streams.formats.trajectory_options import NO_OPTIONS
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.rig import ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Block, Imu
@@ -81,6 +82,8 @@ def _check_kind_options(arguments: EstimateOptions, kind: AnyKind) -> None:
     given = {"mesh": arguments.mesh, "poses": arguments.poses is not None, "exoskeleton": arguments.exoskeleton}
     if wrong := next((name for name, is_given in given.items() if is_given and name not in kind.options), ""):
         raise StrideTwinError(f"--{wrong} is only valid for {estimators_that(lambda d: wrong in kind_of(d).options)}")
+    if arguments.trajectory != NO_OPTIONS and arguments.poses in (None, "truth"):
+        raise StrideTwinError(f"{NO_FILE} --poses FILE")
     if arguments.imu is not None and "imu" not in kind.options:
         raise StrideTwinError("--imu is only valid for foot_ins and an IMU table")
 
@@ -118,7 +121,7 @@ def _run_on_source(
     if not kind.takes_poses:
         return kind.run(instance, recording, progress), [], ""
     check_topics(instance, recording)
-    poses = choose_poses(recording, arguments.poses, parameters)
+    poses = choose_poses(recording, arguments.poses, parameters, arguments.trajectory)
     instances = [(kind, instance.with_poses_of(poses.frame))]
     # one instance gives one pair of kind and outputs
     ((_, outputs),) = replay(instances, recording, poses.path, poses.camera, progress=progress)

@@ -19,6 +19,7 @@ from stridetwin.estimators.backends import BACKENDS
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.files import partial_path
 from stridetwin.streams.formats.file_formats import FILE_FORMATS
+from stridetwin.streams.formats.trajectory_options import TrajectoryOptions
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -152,6 +153,7 @@ def _number_parser(valid: Callable[[float], bool], expected: str) -> Callable[[s
     return parser
 
 
+finite = _number_parser(lambda value: abs(value) < 9e9, "seconds, up to 9e9")
 positive = _number_parser(lambda value: 0 < value < 1e9, "a number above 0")
 share = _number_parser(lambda value: 0 <= value <= 1000, "0-1000")
 probability = _number_parser(lambda value: 0.01 <= value <= 50, "0.01-50")
@@ -209,6 +211,39 @@ class Options:
     """Options of every command."""
 
     json: Annotated[bool, switch("--json", "Print one JSON object on stdout and nothing else there.")] = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrajectoryFileOptions(Options):
+    """How to read a trajectory."""
+
+    quaternion: Annotated[
+        Literal["xyzw", "wxyz"] | None,
+        option("Order of the quaternions in a trajectory (default: its header's, or recognised)."),
+    ] = None
+    time_unit: Annotated[
+        Literal["s", "ms", "us", "ns"] | None, option("Unit of a trajectory's stamps (default: recognised).")
+    ] = None
+    times: Annotated[
+        Path | None, option("Stamps of a trajectory without any, such as KITTI's, one per row.", "FILE")
+    ] = None
+    time_offset: Annotated[
+        float | None, option("Added to the stamps of a trajectory of another clock.", "S", finite)
+    ] = None
+
+    @property
+    def trajectory(self) -> TrajectoryOptions:
+        """These options for the reader of trajectories."""
+        return TrajectoryOptions(
+            quaternion=self.quaternion,
+            time_unit=self.time_unit,
+            times=self.times,
+            time_offset_s=self.time_offset or 0.0,
+        )
+
+
+NO_FILE = "--quaternion, --time-unit, --times, --time-offset say how a trajectory is read: expected"
+"""Begin of the error where no trajectory is given."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from rich.table import Table
@@ -10,7 +11,7 @@ from rich.table import Table
 from stridetwin.batch.executors import BatchOptions
 from stridetwin.cli.commands import SCORED_FRAME, ScoreOptions
 from stridetwin.cli.console import table
-from stridetwin.cli.options import Outcome, Progress, check_executor
+from stridetwin.cli.options import NO_FILE, Outcome, Progress, check_executor
 from stridetwin.estimators import registry
 from stridetwin.gate.compare import Comparison, Rules, check_level, compare_scores
 from stridetwin.gate.formatting import (
@@ -30,11 +31,13 @@ from stridetwin.gate.own_estimators import OwnEstimator, Program, PythonClass, T
 from stridetwin.gate.score_table import document_of, is_text, mean_scores, read_table, table_of
 from stridetwin.gate.walk_scores import OnEvaluated, jobs_of, score_walks
 from stridetwin.outputs.base import AnyKind, KindEvaluations, Scores
+from stridetwin.outputs.coverage import describe_partial
 from stridetwin.outputs.parameters import check_used, parse_parameters
 from stridetwin.outputs.registry import kind_with_scores, kinds
 from stridetwin.scenarios.score_needs import estimators_of
 from stridetwin.streams.errors import ConfigError, StrideTwinError, explain_import_error
 from stridetwin.streams.files import atomic_file
+from stridetwin.streams.formats.trajectory_options import NO_OPTIONS
 from stridetwin.streams.recording.reader import Recording
 
 
@@ -75,6 +78,7 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
     rows = score_walks(
         jobs, options, progress, is_kept=arguments.resume is not None, on_evaluated=_page_writer(arguments.report)
     )
+    warn_of_partial([(row["name"], row["estimators"]) for row in rows])
     means = mean_scores(row["estimators"] for row in rows)
     data = document_of(rows, means) | ({"parameters": parameters} if parameters else {})
     failed = collect_failures(rows)
@@ -147,6 +151,10 @@ def _check_options(arguments: ScoreOptions) -> None:
             arguments.label is not None and not arguments.history,
             "--label names a version in a history: expected --history as well",
         ),
+        (
+            arguments.trajectory != NO_OPTIONS and not (arguments.estimate or arguments.program),
+            f"{NO_FILE} --estimate or --program",
+        ),
         (arguments.resume and has_own, f"--resume is only valid for built-in estimators: {none_of_own}"),
         (arguments.only and has_own, f"--only selects built-in estimators: {none_of_own}"),
         (arguments.parameters and has_own, f"--set is only valid for built-in estimators: {none_of_own}"),
@@ -174,7 +182,9 @@ def _load_own_estimators(arguments: ScoreOptions) -> tuple[OwnEstimator, ...]:
     own_estimators: list[OwnEstimator] = []
     for text in arguments.estimate:
         name, file = _split_assignment(text, "--estimate", "FILE")
-        own_estimators.append(TumFile(name=name, file=Path(file), frame=frame))
+        own_estimators.append(
+            TumFile(name=name, file=Path(file), frame=frame, options=arguments.trajectory, alignment=arguments.align)
+        )
     for text in arguments.estimator:
         name, place = _split_assignment(text, "--estimator", "module:Class")
         estimator = PythonClass(name=name, place=place, frame=frame)
@@ -182,7 +192,14 @@ def _load_own_estimators(arguments: ScoreOptions) -> tuple[OwnEstimator, ...]:
         own_estimators.append(estimator)
     for text in arguments.program:
         name, command_line = _split_assignment(text, "--program", '"COMMAND {recording} {output}"')
-        program = Program(name=name, command=command_line, frame=frame, timeout_s=arguments.timeout)
+        program = Program(
+            name=name,
+            command=command_line,
+            frame=frame,
+            timeout_s=arguments.timeout,
+            options=arguments.trajectory,
+            alignment=arguments.align,
+        )
         program.arguments()
         own_estimators.append(program)
     # a class may declare its frame itself; `--frame` must then not name another one
@@ -224,6 +241,16 @@ def _format_comparison(comparison: Comparison, failed: Sequence[ScoringFailure])
         *format_limits(comparison),
         verdict_line(comparison, failed),
     ]
+
+
+def warn_of_partial(walks: Sequence[tuple[str, Mapping[str, Scores]]]) -> None:
+    """Prints a warning on stderr for each output that covers less than 95 % of its walk.
+
+    Args:
+        walks: Name of each walk, and its scores by output.
+    """
+    for warning in describe_partial(walks):
+        print(f"stridetwin: warning: {warning}", file=sys.stderr)
 
 
 def _split_assignment(text: str, option: str, what: str) -> tuple[str, str]:

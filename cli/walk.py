@@ -10,7 +10,7 @@ from pathlib import Path
 
 from stridetwin.cli.commands import GenerateOptions, RunOptions
 from stridetwin.cli.options import Outcome, Progress, check_executor, check_recording_name
-from stridetwin.cli.score import score_tables
+from stridetwin.cli.score import score_tables, warn_of_partial
 from stridetwin.estimators.registry import names as estimator_names
 from stridetwin.outputs.parameters import check_used, parse_parameters
 from stridetwin.scenarios import record
@@ -57,6 +57,7 @@ def run_command(arguments: RunOptions, progress: Progress) -> Outcome:
         only=arguments.only,
         parameters=parameters,
     )
+    warn_of_partial([(scenario.config.name, run.scores)])
     data = {"folder": str(run.folder), "files": list(run.files), "estimators": run.scores}
     report = (run.folder / "report.html").absolute().as_uri()
     return Outcome(data=data, lines=[*score_tables(run.scores), "", f"report  {report}", f"files   {folder}/"])

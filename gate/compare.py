@@ -13,6 +13,7 @@ from stridetwin.gate.bootstrap import BootstrapResult, compare_groups, compare_p
 from stridetwin.gate.metric_policy import ARITHMETIC, OVERALL, Scale, scale_of
 from stridetwin.gate.score_table import EVERY_ESTIMATOR, ScoreTable
 from stridetwin.outputs.base import CLAIM, ERROR, Scores
+from stridetwin.outputs.coverage import COVERAGE, ENOUGH_PCT
 from stridetwin.streams.errors import ConfigError, check_type
 from stridetwin.streams.samples import Array
 
@@ -150,7 +151,8 @@ def compare_scores(now: ScoreTable, baseline: ScoreTable, rules: Rules) -> Compa
     Walks in both tables are compared in pairs. With fewer than `MIN_WALKS` of these, the two groups of walks are
     compared; with too few of them, the means are compared by the tolerance.
 
-    Scores that fewer than `MIN_WALKS` walks have are compared by their means and the tolerance, too. An estimator
+    Scores that fewer than `MIN_WALKS` walks have are compared by their means and the tolerance, too. What is covered of
+    the same walks is compared without a test, as it does not vary by chance. An estimator
     that the baseline lacks gets a line with the verdict NEW.
 
     Raises:
@@ -181,11 +183,18 @@ def compare_scores(now: ScoreTable, baseline: ScoreTable, rules: Rules) -> Compa
     # estimators that now give no score on any walk: their single line says so, and their scores are not compared
     gone = {line.estimator for line in lines if line.now == 0}
     columns = _score_columns(before, after, gone)
-    testable = [column for column in columns if method != TOLERANCE and column.count(method) >= MIN_WALKS]
+    # what was covered of the same walks is compared without a test, as it does not vary by chance
+    paired_coverage = [c for c in columns if method == PAIRED and c.metric == COVERAGE.name and c.count(method)]
+    lines += [_compare_coverage(column, rules) for column in paired_coverage]
+    testable = [
+        column
+        for column in columns
+        if method != TOLERANCE and column not in paired_coverage and column.count(method) >= MIN_WALKS
+    ]
     if method != TOLERANCE:
         lines += _compare_over_walks([*testable, *_composite_columns(columns)], method, rules)
-    tested = {(name, column.metric) for column in testable for name in column.members}
-    # the baseline's means of all scores that no test has compared
+    tested = {(name, column.metric) for column in [*testable, *paired_coverage] for name in column.members}
+    # the baseline's means of all scores that are not compared yet
     means = {
         name: {metric: mean for metric, mean in scores.items() if (name, metric) not in tested}
         for name, scores in baseline.means.items()
@@ -395,6 +404,33 @@ def _compare_over_walks(columns: Sequence[_ScoreColumn], method: str, rules: Rul
     return lines
 
 
+def _compare_coverage(column: _ScoreColumn, rules: Rules) -> Line:
+    """The line of what was covered of the same walks: worse if the mean, or a walk that was covered, has lost.
+
+    Args:
+        column: Shares of walks, of which at least one is on both sides.
+        rules: The least change, in percentage points.
+    """
+    before, now = (-losses for losses in column.finite_losses(PAIRED))  # losses of shares are negative
+    baseline, current = float(before.mean()), float(now.mean())
+    has_lost_walk = bool(np.any((before >= ENOUGH_PCT) & (now < ENOUGH_PCT) & (before - now > rules.least)))
+    is_worse = baseline - current > rules.least or has_lost_walk
+    is_better = current - baseline > rules.least and not is_worse
+    return Line(
+        estimator=column.estimator,
+        metric=column.metric,
+        method=PAIRED,
+        walks=len(before),
+        verdict=WORSE if is_worse else BETTER if is_better else SAME,
+        baseline=baseline,
+        now=current,
+        change=current - baseline,
+        limit=baseline - rules.least,
+        in_points=True,
+        mean=ARITHMETIC,
+    )
+
+
 def _correct_p_values(p: Array, is_composite: NDArray[np.bool_]) -> Array:
     """(N,) p-values corrected by Holm's method: half of the level goes to the few composites, half to the scores.
 
@@ -486,8 +522,8 @@ def _find_missing(now: ScoreTable, baseline: ScoreTable, shared: Sequence[str], 
 def _compare_means(now: Mapping[str, Scores], baseline: Mapping[str, Scores], rules: Rules) -> list[Line]:
     """Lines of means over walks, for scores that too few walks have.
 
-    A mean is WORSE if it exceeds the baseline's by the tolerance and by rounding differences between machines
-    (`Scale.slack`); a score that is gone is MISSING.
+    A mean is WORSE if it exceeds the baseline's by the tolerance (of what is covered, by `Rules.least`) and by rounding
+    differences between machines (`Scale.slack`); a score that is gone is MISSING.
 
     Args:
         now: Current means by estimator.
@@ -512,7 +548,9 @@ def _compare_means(now: Mapping[str, Scores], baseline: Mapping[str, Scores], ru
                 mean=ARITHMETIC,
             )
             if current is not None:  # otherwise the line stays MISSING
-                allowance = abs(value) * rules.tolerance + scale.slack
+                # what is covered varies little between walks: the least change counts
+                tolerance = rules.least if metric == COVERAGE.name else abs(value) * rules.tolerance
+                allowance = tolerance + scale.slack
                 limit = value - allowance if scale.higher_is_better else value + allowance
                 worse = current < limit if scale.higher_is_better else current > limit
                 if scale.in_points:

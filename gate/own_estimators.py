@@ -1,4 +1,4 @@
-"""User-supplied estimators: a Python class, a program that writes a TUM file, or a TUM file.
+"""User-supplied estimators: a Python class, a program that writes a trajectory, or a trajectory.
 
 A class is constructed with the recording's rig (`streams.rig.Rig`). Its `update(sample)` takes one sample in time
 order and returns None, or a `streams.trajectory.Pose` with increasing stamps, or an object whose `pose` is one. The
@@ -27,9 +27,10 @@ from typing import ClassVar, Protocol, TypeGuard, cast
 
 from stridetwin.estimators.base import PATH, Declaration, Options, PathEstimate, Stream
 from stridetwin.outputs.feeding import EstimatorClass
+from stridetwin.outputs.path.estimate_file import read_estimate
 from stridetwin.outputs.path.run import pose_of
 from stridetwin.streams.errors import ConfigError, StrideTwinError, was_interrupted
-from stridetwin.streams.formats.tum import read_tum
+from stridetwin.streams.formats.trajectory_options import NO_OPTIONS, TrajectoryOptions
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig, kinds_of_streams
 from stridetwin.streams.samples import Sample
@@ -76,13 +77,22 @@ class OwnEstimator(ABC):
 
 @dataclass(frozen=True, kw_only=True)
 class TumFile(OwnEstimator):
-    """An existing path, in the TUM trajectory `file`."""
+    """An existing path.
+
+    Attributes:
+        file: Its trajectory.
+        options: How it is read.
+        alignment: Of the scores, see `alignment.align`; with `se3` its world may have any attitude.
+    """
 
     file: Path
+    options: TrajectoryOptions = NO_OPTIONS
+    alignment: str = "start"
 
     def path(self, recording: Recording) -> PathEstimate:
-        """The path in the file, whatever the recording."""
-        return PathEstimate(name=self.name, frame=self.frame, path=read_tum(self.file))
+        """The path in the file; the recording helps to recognise its form."""
+        path = read_estimate(self.file, recording, self.frame, self.options, self.alignment)
+        return PathEstimate(name=self.name, frame=self.frame, path=path)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,10 +144,14 @@ class Program(OwnEstimator):
     Attributes:
         command: With `{recording}` and `{output}`; split as a shell does, but run without one.
         timeout_s: Time after which it is stopped.
+        options: How the trajectory is read.
+        alignment: Of the scores, see `alignment.align`; with `se3` the trajectory's world may have any attitude.
     """
 
     command: str
     timeout_s: float
+    options: TrajectoryOptions = NO_OPTIONS
+    alignment: str = "start"
 
     def arguments(self) -> list[str]:
         """The program and its arguments, with `{recording}` and `{output}` still in them.
@@ -181,7 +195,7 @@ class Program(OwnEstimator):
             if not output.is_file():
                 raise StrideTwinError(f"{arguments[0]}: has not written {{output}}{printed}")
             try:
-                path = read_tum(output)
+                path = read_estimate(output, recording, self.frame, self.options, self.alignment, "{output}")
             except StrideTwinError as error:  # without the temporary path, which tells the user nothing
                 raise StrideTwinError(str(error).replace(str(output), "{output}")) from None
         return PathEstimate(name=self.name, frame=self.frame, path=path)

@@ -65,7 +65,7 @@ def stridetwin_score() -> Callable[..., Scores]:
     """Scores: `stridetwin_score(recording, estimator, frame, align="start")`, by the names of `stridetwin score`.
 
     The estimator is an object with `update(sample)` (see `gate.own_estimators`), a `Trajectory`, or the
-    path of a TUM file.
+    path of a trajectory's file.
     """
 
     def score(
@@ -81,21 +81,23 @@ def stridetwin_score() -> Callable[..., Scores]:
         from stridetwin.estimators.base import PathEstimate
         from stridetwin.outputs.path.evaluate import evaluate
 
-        estimate = PathEstimate(name="tested", frame=frame, path=_path_of(recording, estimator))
+        estimate = PathEstimate(name="tested", frame=frame, path=_path_of(recording, estimator, frame))
         return evaluate(recording, [estimate], align)[0].scores
 
     return score
 
 
-def _path_of(recording: Recording, estimator: PathEstimator | Trajectory | str | Path) -> Trajectory:
-    """The path that an estimator, a `Trajectory` or a TUM file gives for a recording."""
+def _path_of(recording: Recording, estimator: PathEstimator | Trajectory | str | Path, frame: str) -> Trajectory:
+    """The path of a frame that an estimator, a `Trajectory` or the file of one gives for a recording."""
     from stridetwin.gate.own_estimators import estimate_path
-    from stridetwin.streams.formats.tum import read_tum
+    from stridetwin.outputs.path.estimate_file import read_estimate
     from stridetwin.streams.trajectory import Trajectory
 
     if isinstance(estimator, Trajectory):
         return estimator
-    return read_tum(estimator) if isinstance(estimator, (str, Path)) else estimate_path(estimator, recording)
+    if isinstance(estimator, (str, Path)):
+        return read_estimate(Path(estimator), recording, frame)
+    return estimate_path(estimator, recording)
 
 
 def _load_scenario(source: str | Path | Mapping[str, object] | TwinConfig) -> Scenario:

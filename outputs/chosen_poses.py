@@ -16,14 +16,20 @@ from scipy.spatial.transform import Rotation
 from stridetwin.estimators.terrain_map.depth_camera import DepthCamera, camera_in_frame, depth_calibration
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.upright import normals, upward
+from stridetwin.outputs.coverage import ENOUGH_PCT, covered_share
 from stridetwin.outputs.feeding import runnable_instances
 from stridetwin.outputs.parameters import ParameterValues, with_parameters
+from stridetwin.outputs.path.estimate_file import ASSUMED_W_FIRST, settle_order, span_of
 from stridetwin.outputs.path.files import is_reliable
 from stridetwin.outputs.path.run import run_paths
 from stridetwin.outputs.pose_feed import default_odometry
 from stridetwin.streams.errors import RecordingError
-from stridetwin.streams.formats.tum import read_tum
+from stridetwin.streams.formats.opening import print_warnings
+from stridetwin.streams.formats.trajectory_columns import W_FIRST
+from stridetwin.streams.formats.trajectory_file import TrajectoryFile, read_trajectory
+from stridetwin.streams.formats.trajectory_options import NO_OPTIONS, TrajectoryOptions
 from stridetwin.streams.pose_restart import restart_poses
+from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration
 from stridetwin.streams.samples import Array, Depth, Odometry
@@ -34,6 +40,12 @@ TRUE_POSES = "truth"
 _IMAGES = 20  # most depth images from which the direction upwards is estimated
 _TILT_RAD = math.radians(30.0)
 """A smaller angle may be that of a ramp; the frame of a first image is off by a right angle or so."""
+
+_LEVEL_RAD = math.radians(5.0)
+"""A surface within this angle of the horizontal is level."""
+_LEVELLER, _TILTED, _UPRIGHT = 1.5, 0.6, math.cos(math.radians(10.0))
+"""How much more of the surfaces must be level for another order of the quaternions; what they count where the z axis is
+not up, and the least z component of the vertical where it is."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,21 +66,25 @@ class ChosenPoses:
 
 
 def choose_poses(
-    recording: Recording, request: str | None, parameters: ParameterValues = MappingProxyType({})
+    recording: Recording,
+    request: str | None,
+    parameters: ParameterValues = MappingProxyType({}),
+    options: TrajectoryOptions = NO_OPTIONS,
 ) -> ChosenPoses:
     """The poses that a request selects for an estimator of terrain or modes.
 
     Args:
         recording: With depth and its calibration.
-        request: `truth` for the true poses of the recording, or a TUM file with poses of the depth camera's optical
-            frame. None selects an odometry that the recording can feed, else recorded poses that are not the truth.
+        request: `truth` for the true poses of the recording, or a trajectory of the depth camera's optical frame.
+            None selects an odometry that the recording can feed, else recorded poses that are not the truth.
         parameters: Values in place of the odometry's own, see `outputs.parameters`.
+        options: How the trajectory is read.
 
     Raises:
         StrideTwinError: The recording has no such poses; the message names the alternatives.
     """
     if request is not None and request != TRUE_POSES:
-        return _choose_upright(recording, read_tum(Path(request)), "", f"poses of {request}")
+        return _choose_upright(recording, _read_given(recording, Path(request), options), "", f"poses of {request}")
     camera = depth_calibration(recording.rig)
     if request == TRUE_POSES:
         topic, frame = find_pose_topic(recording, camera)
@@ -93,6 +109,63 @@ def choose_poses(
     advice = f"--poses {TRUE_POSES}, or " if any(topic.startswith("/truth/") for topic in recording.topics) else ""
     name = odometry.declaration.name
     raise RecordingError(f"{recording.path}: no poses: {name} cannot run on this recording; pass {advice}--poses FILE")
+
+
+def _read_given(recording: Recording, file: Path, options: TrajectoryOptions) -> Trajectory:
+    """Reads a trajectory of the depth camera, and prints warnings on stderr.
+
+    An unknown order of the quaternions is settled by the true poses, or else by the ground in some depth images.
+
+    Raises:
+        StrideTwinError: The file is invalid, or not of this recording.
+    """
+    notes = Notes(file, lenient=False)
+    read = read_trajectory(file, options, span_ns=span_of(recording), notes=notes)
+    if not read.is_order_known:
+        frame = depth_calibration(recording.rig).topic.removeprefix("/")
+        try:
+            read = settle_order(read, recording, frame, notes, may_tilt=True)
+        except RecordingError:  # no truth
+            read = _settle_by_ground(recording, read, notes)
+    stamps = recording.image_times(depth_calibration(recording.rig).depth_topic)
+    covered_pct = 100.0 * covered_share(read.path.t_ns, int(stamps[0]), int(stamps[-1])) if len(stamps) else 100.0
+    if covered_pct < ENOUGH_PCT:
+        notes.warn(f"its poses cover {covered_pct:.1f} % of the time of the depth images: the others are left out")
+    print_warnings(file, notes.warnings)
+    return read.path
+
+
+def _settle_by_ground(recording: Recording, read: TrajectoryFile, notes: Notes) -> TrajectoryFile:
+    """The trajectory with the order of the quaternion with which the ground is level in most depth images.
+
+    Args:
+        recording: With the depth images.
+        read: As it was read; its order is kept unless the ground is much less level with it.
+        notes: Collects the order if it was changed, or if w was assumed to be first.
+    """
+    other = read.with_other_order()
+    if _level_share(recording, other.path) > _LEVELLER * _level_share(recording, read.path):
+        notes.warn(
+            f"the ground is level only with quaternions as {other.order}: read so; --quaternion {read.order} keeps the "
+            "other order"
+        )
+        return other
+    if read.order == W_FIRST:
+        notes.warn(ASSUMED_W_FIRST)
+    return read
+
+
+def _level_share(recording: Recording, path: Trajectory) -> float:
+    """Share of the surfaces in some depth images along the vertical of poses of the camera, 0-1.
+
+    It counts less if that vertical is not the z axis, which it is in most worlds.
+    """
+    views = _views(recording, path, "")
+    up = upward(views)
+    if up is None:
+        return 0.0
+    along = np.concatenate([of_image @ R.T for of_image, R in views]) @ up
+    return float(np.mean(along > math.cos(_LEVEL_RAD))) * (1.0 if up[2] > _UPRIGHT else _TILTED)
 
 
 def find_pose_topic(recording: Recording, camera: CameraCalibration) -> tuple[str, str]:
@@ -174,24 +247,8 @@ def _set_upright(recording: Recording, path: Trajectory, frame: str) -> tuple[Tr
     Returns:
         The poses, and the angle of the rotation, rad; 0 where they were upright within 30° or no ground was visible.
     """
-    calibration = depth_calibration(recording.rig)
-    camera, R_frame_camera = DepthCamera(calibration), camera_in_frame(recording.rig, calibration, frame)[:3, :3]
-    stamps = recording.image_times(calibration.depth_topic)
-    in_path = np.flatnonzero((stamps >= path.t_ns[0]) & (stamps <= path.t_ns[-1]))
-    # at most `_IMAGES` depth images with a pose, evenly spaced
-    chosen = in_path[np.linspace(0, len(in_path) - 1, min(_IMAGES, len(in_path))).astype(int)].tolist()
-    views: list[tuple[Array, Array]] = []  # normals in the camera's frame, and the camera's rotation to the world
-    for image in recording.images(calibration.depth_topic, chosen):
-        if isinstance(image, Depth):
-            depth, _ = camera.rectify(image.depth, TerrainMapParameters())
-            pose = int(np.searchsorted(path.t_ns, image.t_ns, side="right")) - 1  # the last one up to the image
-            R_world_frame = Rotation.from_quat(path.q_world_frame[pose], scalar_first=True).as_matrix()
-            views.append((normals(depth, camera.intrinsics), R_world_frame @ R_frame_camera))
-    up = upward(views)  # (3,) unit vector upwards in the world of the given poses; None without any ground
-    if up is None:
-        return path, 0.0
-    angle = math.acos(min(1.0, max(-1.0, float(up[2]))))  # between `up` and the z axis, rad
-    if angle < _TILT_RAD:
+    up = upward(_views(recording, path, frame))  # in the world of the given poses; None without any ground
+    if up is None or (angle := math.acos(min(1.0, max(-1.0, float(up[2]))))) < _TILT_RAD:
         return path, 0.0
     rotation = _rotation_onto_z(up)
     upright_path = Trajectory(
@@ -200,6 +257,30 @@ def _set_upright(recording: Recording, path: Trajectory, frame: str) -> tuple[Tr
         q_world_frame=(rotation * Rotation.from_quat(path.q_world_frame, scalar_first=True)).as_quat(scalar_first=True),
     )
     return upright_path, angle
+
+
+def _views(recording: Recording, path: Trajectory, frame: str) -> list[tuple[Array, Array]]:
+    """Surface normals of some depth images, in the camera's frame, and the camera's rotation to the world of the poses.
+
+    Args:
+        recording: With the depth images.
+        path: Poses of `frame`.
+        frame: Frame of the poses; "" is the depth camera's optical frame.
+    """
+    calibration = depth_calibration(recording.rig)
+    camera, R_frame_camera = DepthCamera(calibration), camera_in_frame(recording.rig, calibration, frame)[:3, :3]
+    stamps = recording.image_times(calibration.depth_topic)
+    in_path = np.flatnonzero((stamps >= path.t_ns[0]) & (stamps <= path.t_ns[-1]))
+    chosen = in_path[np.linspace(0, len(in_path) - 1, min(_IMAGES, len(in_path))).astype(int)].tolist()
+    views: list[tuple[Array, Array]] = []
+    for image in recording.images(calibration.depth_topic, chosen):
+        if isinstance(image, Depth):
+            depth, _ = camera.rectify(image.depth, TerrainMapParameters())
+            # the last pose up to the image
+            at = int(np.searchsorted(path.t_ns, image.t_ns, side="right")) - 1
+            R = Rotation.from_quat(path.q_world_frame[at], scalar_first=True).as_matrix() @ R_frame_camera
+            views.append((normals(depth, camera.intrinsics), R))
+    return views
 
 
 def _rotation_onto_z(up: Array) -> Rotation:

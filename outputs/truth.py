@@ -170,6 +170,12 @@ def true_footprints(recording: Recording) -> list[Footprint]:
     return list(recording.block(FOOTPRINTS).as_kind(Footprint))
 
 
+def walking_span_ns(footprints: Sequence[Footprint]) -> tuple[int, int]:
+    """Times of the first and of the last footprint of a walk, ns, without those of the standing feet."""
+    landed = footprints[2:] or footprints
+    return landed[0].t_ns, landed[-1].t_ns
+
+
 def project_on_way(p_feet_in_world: ArrayLike, layout: Layout) -> Array:
     """Places of all footprints of a walk along its route.
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from markupsafe import Markup
 
-from stridetwin.outputs.base import KindEvaluations
+from stridetwin.outputs.base import KindEvaluations, scores_by_output
+from stridetwin.outputs.coverage import coverage_chips
 from stridetwin.outputs.truth import FOOTPRINTS, true_footprints
 from stridetwin.pages.html import boxes, code, data_uri, multiples, page, render_template, section, table
 from stridetwin.report.figures_gait import ground_reaction_figure, joint_figures, level_strides, pressure_figure
@@ -54,6 +55,7 @@ def render_report(data: ReportData) -> str:
     parts = [of_kind.kind.report(of_kind.evaluations, data.recording) for of_kind in data.of_kinds]
     chips = [
         f"{data.duration_s:.1f} s of walking",
+        *coverage_chips(scores_by_output(data.of_kinds)),
         *(chip for part in parts for chip in part.chips),
         f"seed {data.seed}",
         f"{config.physics} physics",

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from stridetwin.outputs.base import KindEvaluations
+from stridetwin.outputs.base import KindEvaluations, scores_by_output
+from stridetwin.outputs.coverage import coverage_chips
 from stridetwin.pages.html import page
 from stridetwin.streams.recording.reader import Recording
 
@@ -20,7 +21,11 @@ def score_page(recording: Recording, of_kinds: Sequence[KindEvaluations]) -> str
     """
     parts = [of_kind.kind.report(of_kind.evaluations, recording) for of_kind in of_kinds]
     names = [evaluation.name for of_kind in of_kinds for evaluation in of_kind.evaluations]
-    chips = [f"{recording.duration:.1f} s", *(chip for part in parts for chip in part.chips)]
+    chips = [
+        f"{recording.duration:.1f} s",
+        *coverage_chips(scores_by_output(of_kinds)),
+        *(chip for part in parts for chip in part.chips),
+    ]
     sections = [
         *(part.summary for part in parts),
         *(part.figures for part in parts),

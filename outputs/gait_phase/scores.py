@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from stridetwin.estimators.gait_phase import PhaseEstimate
 from stridetwin.outputs.base import BAD_SHARE, DESCRIPTIVE, SHARE, Evaluated, Score
+from stridetwin.outputs.coverage import COVERAGE, covered_share
 from stridetwin.streams.samples import Array, Footprint
 
 TERRAINS = LEVEL, STAIRS, RAMP = ("level", "stairs", "ramp")
@@ -48,6 +49,7 @@ SCORES = (
     Score(name="missed", label="Touch-downs that were not detected", digits=0),
     Score(name="extra", label="Detected touch-downs that are none", digits=0),
     Score(name="strides", scale=DESCRIPTIVE, label="Strides", digits=0),
+    COVERAGE,
 )
 """The scores of one leg's phase; see `phase_scores`."""
 
@@ -220,7 +222,8 @@ def phase_scores(series: PhaseSeries, strides: Sequence[Stride]) -> dict[str, fl
         95 % interval; `not_walking_pct`, share of counted samples without a claimed phase; `touch_down_error_ms`, mean
         size of the time error of matched touch-downs, and `touch_down_bias_ms`, positive if late; `missed` true
         touch-downs without a detected one within 0.25 s, and `extra` detected ones beyond the true ones between the
-        first and the last; `strides` counted. Empty without a counted stride.
+        first and the last; `strides` counted; `coverage_pct` of the time from the first to the last
+        stride. Empty without a counted stride.
     """
     counted = [s for s in strides if not s.is_pause]
     # each stride with samples, the (N,) errors of these samples and their (N,) standard deviations
@@ -247,6 +250,7 @@ def phase_scores(series: PhaseSeries, strides: Sequence[Stride]) -> dict[str, fl
         "not_walking_pct": 100.0 * float((~walking).mean()),
         **_touch_down_scores(find_touch_downs(series), strides),
         "strides": float(len(rows)),
+        COVERAGE.name: 100.0 * covered_share(series.t_ns, strides[0].begin_ns, strides[-1].end_ns),
     }
 
 

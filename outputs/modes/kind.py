@@ -8,6 +8,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, ClassVar
 
+import numpy as np
+
 from stridetwin.estimators.base import AnyEstimator, Declaration
 from stridetwin.estimators.locomotion_mode import ModeEstimate
 from stridetwin.outputs.aligned_walk import AlignedWalk
@@ -23,10 +25,12 @@ from stridetwin.outputs.base import (
     Score,
     Written,
 )
+from stridetwin.outputs.coverage import COVERAGE, covered_share
 from stridetwin.outputs.csv_tables import write_output_table
 from stridetwin.outputs.feeding import Instance
 from stridetwin.outputs.modes.files import MODE_COLUMNS, LiveModes, find_completed_steps, mode_cells
 from stridetwin.outputs.modes.scores import SCORES, ModeScores, score_modes, scores_of_walk
+from stridetwin.outputs.truth import walking_span_ns
 from stridetwin.streams.recording.reader import Recording
 
 if TYPE_CHECKING:
@@ -93,7 +97,9 @@ class Modes(OutputKind[ModeRun, EvaluatedModes]):
             walk, estimates = output.estimates.walk, output.estimates.estimates
             if walk is not None:
                 modes = score_modes(walk.footprints, estimates, walk.alignment, walk.layout, walk.sole_m)
-                scores = scores_of_walk(modes)
+                t_ns = np.array([estimate.t_ns for estimate in estimates], np.int64)
+                covered = covered_share(t_ns, *walking_span_ns(walk.footprints))
+                scores = {**scores_of_walk(modes), COVERAGE.name: 100.0 * covered}
                 evaluations.append(
                     EvaluatedModes(name=output.name, estimates=estimates, modes=modes, walk=walk, scores=scores)
                 )

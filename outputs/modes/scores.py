@@ -18,6 +18,7 @@ import numpy as np
 from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate
 from stridetwin.outputs.alignment import MovingAlignment
 from stridetwin.outputs.base import DESCRIPTIVE, LEAD, SHARE, Score, Scores
+from stridetwin.outputs.coverage import COVERAGE
 from stridetwin.outputs.modes.approaches import score_approaches
 from stridetwin.outputs.modes.true_steps import alternative_modes, first_predictions, predictions_by_step, slope_under
 from stridetwin.outputs.terrain.changes import ScoredChange
@@ -94,6 +95,7 @@ SCORES = (
     Score(name="riser_rmse_mm", heading="riser mm", label="their risers, RMS error", unit="mm", digits=1),
     Score(name="tread_rmse_mm", heading="tread mm", label="their treads, RMS error", unit="mm", digits=1),
     Score(name="slope_rmse_deg", heading="slope °", label="their slopes, RMS error", unit="°"),
+    COVERAGE,
 )
 """The scores of predicted modes; see `scores_of_walk`."""
 

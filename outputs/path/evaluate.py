@@ -6,28 +6,24 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.base import PathEstimate
 from stridetwin.outputs.alignment import Rigid
 from stridetwin.outputs.base import Scores
+from stridetwin.outputs.path.quaternion_order import steps_to_order
 from stridetwin.outputs.path.scores import PathComparison, compare, score
 from stridetwin.outputs.truth import true_path
 from stridetwin.streams.errors import ConfigError, check_type
 from stridetwin.streams.recording.reader import Recording
-from stridetwin.streams.samples import Array
 from stridetwin.streams.trajectory import Trajectory
 
 LARGEST_SCORE = 1e100
 """Larger values, also in metres, would overflow in squares and sums."""
 _MAX_NORM_ERROR = 1e-3
 """Of a quaternion."""
-_MIN_ORDER_ERROR_RAD, _ORDER_RATIO, _MAX_ORDER_POSES = 0.09, 3.0, 1000
-"""Mean error of the attitude from which another order of the quaternions is tried, how many times smaller the error
-must then be, and how many poses are compared."""
 _ORDERS = {
-    1: "the order x, y, z, w (SciPy's as_quat has it without scalar_first=True)",
-    -1: "w first in a TUM file, which has w last",
+    1: "the order x, y, z, w (SciPy's as_quat has it without scalar_first=True; of a file, --quaternion xyzw reads it)",
+    -1: "w first in a TUM file, which has w last (--quaternion wxyz reads it)",
 }
 """What has gone wrong, by the steps that (N, 4) quaternions must be rolled to become w, x, y, z."""
 
@@ -72,9 +68,8 @@ def evaluate(recording: Recording, estimates: Iterable[PathEstimate], alignment:
     worlds: dict[str, Rigid] = {}  # alignment of each world that several estimates share
     for estimate in estimates:
         _check_poses(estimate)
-        # the truth from the first valid pose on
-        path = true_path(recording, estimate.frame).since(estimate.ready_ns)
-        comparison = compare(estimate.path, path, alignment, worlds.get(estimate.world))
+        path = true_path(recording, estimate.frame)
+        comparison = compare(estimate.path, path, alignment, worlds.get(estimate.world), estimate.ready_ns)
         _check_order(estimate, comparison.truth)
         if estimate.world:  # the first estimate of a shared world fixes its alignment
             worlds.setdefault(estimate.world, comparison.transform)
@@ -107,32 +102,11 @@ def _check_poses(estimate: PathEstimate) -> None:
 def _check_order(estimate: PathEstimate, truth: Trajectory) -> None:
     """Raises ConfigError for quaternions that agree with the truth only in another order of their components.
 
-    The rotation since the first pose, R₀ᵀ Rᵢ, is compared, since it does not depend on the alignment. Errors of an
-    estimator with the right order do not become several times smaller when w moves elsewhere.
-
     Args:
         estimate: The path.
         truth: True poses at those of its stamps that lie within the truth.
     """
-    # about `_MAX_ORDER_POSES` poses are enough
-    step = 1 + len(truth) // _MAX_ORDER_POSES
-    path, true_q = estimate.path, truth.q_world_frame[::step]
-    q = path.q_world_frame[np.isin(path.t_ns, truth.t_ns)][::step]  # at the same stamps as `true_q`
-    error = _mean_rotation_error(q, true_q)
-    if error < _MIN_ORDER_ERROR_RAD:  # small enough for the right order
-        return
-    for steps, cause in _ORDERS.items():
-        if _mean_rotation_error(np.roll(q, steps, axis=1), true_q) * _ORDER_RATIO < error:
-            raise ConfigError(estimate.name, "q_world_frame", q[0].tolist(), f"w, x, y, z; it seems to be {cause}")
-
-
-def _mean_rotation_error(q: Array, true_q: Array) -> float:
-    """Mean angle between the estimated and the true rotation since the first pose, rad.
-
-    Args:
-        q: (N, 4) estimated quaternions.
-        true_q: (N, 4) true ones at the same stamps.
-    """
-    attitudes = [Rotation.from_quat(quaternions, scalar_first=True) for quaternions in (q, true_q)]
-    estimated, true = (attitude[0].inv() * attitude for attitude in attitudes)  # since the first pose
-    return float((estimated.inv() * true).magnitude().mean())
+    path = estimate.path[np.isin(estimate.path.t_ns, truth.t_ns)]
+    if steps := steps_to_order(path, truth):
+        q = path.q_world_frame[0].tolist()
+        raise ConfigError(estimate.name, "q_world_frame", q, f"w, x, y, z; it seems to be {_ORDERS[steps]}")

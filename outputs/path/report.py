@@ -9,6 +9,7 @@ from markupsafe import Markup
 
 from stridetwin.estimators import registry
 from stridetwin.estimators.base import FOOT_NAMES, PATH
+from stridetwin.outputs.coverage import COVERAGE, partial_outputs
 from stridetwin.outputs.path.evaluate import Result
 from stridetwin.outputs.path.figures import (
     by_part,
@@ -46,6 +47,14 @@ _CARDS = (
         "mostly near 100, and sometimes far lower",
     ),
 )
+_COVERAGE_CARD = (
+    COVERAGE.name,
+    "Covered",
+    "%",
+    1.0,
+    1,
+    "of the walk's time. Below 95 % the other scores are those of a part, not comparable with those of a whole walk",
+)
 # key in the reference, title, length in m
 _PUBLISHED_WALKS: tuple[tuple[Literal["jao_straight_53m", "jao_loop_126m"], str, float], ...] = (
     ("jao_straight_53m", "straight, 53 m", 53.0),
@@ -63,8 +72,10 @@ def describe_distance(results: Sequence[Result]) -> str:
 
 def score_cards(results: Sequence[Result]) -> str:
     """The main scores of every path as cards with large numbers; "" without any."""
+    partial = partial_outputs({result.name: result.scores for result in results})
+    shown = (_COVERAGE_CARD, *_CARDS) if partial else _CARDS
     cards, colors = [], estimate_colors(results)
-    for key, title, unit, scale, digits, note in _CARDS:
+    for key, title, unit, scale, digits, note in shown:
         values = [  # one number per path that has the score
             {
                 "number": number_text(r.scores[key] * scale, digits),

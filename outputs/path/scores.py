@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.outputs.alignment import Rigid, align, vertical_rotation
 from stridetwin.outputs.base import CLAIM, DESCRIPTIVE, SHARE, Score, Scores
+from stridetwin.outputs.coverage import COVERAGE, covered_share, reaches_end
 from stridetwin.outputs.truth import TruePath
 from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.samples import Array
@@ -29,6 +30,7 @@ CHI2_3_95 = 7.814727903251179  # 95 % quantile of the chi-square distribution wi
 _VARIANCE_FLOOR_M2 = 1e-12  # added to variances, so that a covariance of 0 can be inverted
 LOST_M = 2.0  # a path farther away than this is off
 SPAN_M = 5.0  # length of the stretches of path over which drift and climbs are taken
+_MOVED_M = 0.1  # least distance of which an error is a percentage
 CLIMB_M = 0.3  # least change of height of a stretch that counts as a climb
 
 SCORES = (
@@ -63,7 +65,7 @@ SCORES = (
     Score(name="nis_echoes", scale=CLAIM, label="Sonar ranges, NIS per degree of freedom"),
     Score(name="distance_m", scale=DESCRIPTIVE, label="Distance travelled by the frame", unit="m"),
     Score(name="duration_s", scale=DESCRIPTIVE),
-    Score(name="coverage_pct", scale=SHARE),
+    COVERAGE,
 )
 """The scores of a path. The NIS of other measurements, `nis_KIND`, are claims, too."""
 
@@ -76,7 +78,8 @@ class PathComparison:
         estimate: N poses in the truth's world.
         truth: The N true poses.
         distance_m: (N,) m travelled by the true frame since the truth's first sample.
-        coverage: Share of the truth's duration that the estimate spans, 0-1.
+        coverage: Share of the truth's duration that the estimate covers, without its holes, 0-1.
+        reaches_end: Whether the estimate lasts until the truth ends.
         transform: Transform from the estimate's own world to the truth's.
     """
 
@@ -85,6 +88,7 @@ class PathComparison:
     distance_m: Array
     coverage: float
     transform: Rigid
+    reaches_end: bool = True
 
     @property
     def error_m(self) -> Array:
@@ -93,7 +97,11 @@ class PathComparison:
 
 
 def compare(
-    estimate: Trajectory, path: TruePath, alignment: str = "start", transform: Rigid | None = None
+    estimate: Trajectory,
+    path: TruePath,
+    alignment: str = "start",
+    transform: Rigid | None = None,
+    ready_ns: int = 0,
 ) -> PathComparison:
     """Aligns an estimate with the truth.
 
@@ -102,6 +110,7 @@ def compare(
         path: The true path of the same frame.
         alignment: `start`, `yaw` or `se3`.
         transform: Replaces the alignment, if another frame in the same world has fixed it.
+        ready_ns: The poses before this time are left out, and it counts as not covered.
 
     Raises:
         RecordingError: The estimate is not finite, or has fewer than two stamps within the truth's span.
@@ -110,6 +119,7 @@ def compare(
     if not finite.all():
         at = estimate.t_ns[(~finite).argmax()] / 1e9
         raise RecordingError(f"the estimate is not finite at t = {at:.3f} s; every pose must be")
+    span_ns, path = (int(path.t_ns[0]), int(path.t_ns[-1])), path.since(ready_ns)
     inside = (estimate.t_ns >= path.t_ns[0]) & (estimate.t_ns <= path.t_ns[-1])
     if inside.sum() < 2:
         raise RecordingError(
@@ -124,7 +134,8 @@ def compare(
         estimate=transform.apply(inside_poses),
         truth=truth,
         distance_m=np.interp(inside_poses.t_ns, path.t_ns, path.distance_m),
-        coverage=float((inside_poses.t_ns[-1] - inside_poses.t_ns[0]) / (path.t_ns[-1] - path.t_ns[0])),
+        coverage=covered_share(inside_poses.t_ns, *span_ns),
+        reaches_end=reaches_end(inside_poses.t_ns, span_ns[1]),
         transform=transform,
     )
 
@@ -138,8 +149,9 @@ def score(comparison: PathComparison, alone: bool = True) -> Scores:
 
     Returns:
         `ape_{rmse,mean,max}_m`; `rpe_1m_pct`, `rpe_5m_pct` (mean relative error, % of the distance; left out if
-        the walk is shorter); `end_error_m`, `end_error_pct` (% of the distance travelled by the frame);
-        `end_height_error_m` (signed); `armse_2d_m` if `alone`, because it rotates each estimate by itself;
+        the walk is shorter); `end_error_m`, `end_error_pct` (% of the distance travelled by the frame, left out if it
+        did not move) and `end_height_error_m` (signed), unless the estimate ends before the truth; `armse_2d_m` if
+        `alone`, because it rotates each estimate by itself;
         `nees_position_mean` (3 for a consistent filter) and `nees_position_within_95_pct` if the estimate has
         a covariance; `distance_m`, `duration_s`, `coverage_pct`.
     """
@@ -151,16 +163,16 @@ def score(comparison: PathComparison, alone: bool = True) -> Scores:
         "ape_rmse_m": float(np.sqrt(np.mean(norm**2))),
         "ape_mean_m": float(norm.mean()),
         "ape_max_m": float(norm.max()),
-        "end_error_m": float(norm[-1]),
-        "end_height_error_m": float(error[-1, 2]),
         "distance_m": distance,
         "duration_s": float((t_ns[-1] - t_ns[0]) / 1e9),
         "coverage_pct": 100.0 * comparison.coverage,
     }
     if alone:
         scores["armse_2d_m"] = armse_2d(comparison.estimate.p_frame_in_world, comparison.truth.p_frame_in_world)
-    if distance > 0:
-        scores["end_error_pct"] = 100.0 * scores["end_error_m"] / distance
+    if comparison.reaches_end:
+        scores["end_error_m"], scores["end_height_error_m"] = float(norm[-1]), float(error[-1, 2])
+        if distance > _MOVED_M:
+            scores["end_error_pct"] = 100.0 * scores["end_error_m"] / distance
     for span in RPE_DISTANCES_M:
         errors = relative_errors_m(comparison, span)
         if len(errors):

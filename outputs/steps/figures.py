@@ -91,11 +91,12 @@ def step_section(steps: Sequence[ScoredStep], scores: Scores, recording: Recordi
     """Section of a report: the steps of one estimator from the side and from above, and their main scores."""
     layout = terrain_layout(recording.metadata)
     figures = (steps_from_aside(layout, steps), steps_from_above(layout, steps))
+    end = f"end error {number_text(scores['end_error_m'], 2)} m" if "end_error_m" in scores else "the end is missed"
     lead = (
         "Only from the exoskeleton's AHRS, encoders and insoles: the plane under each footprint and its normal, over "
         f"the true ground. RMS errors: slope {number_text(scores['slope_rmse_deg'], 2)}°, elevation "
         f"{number_text(scores['elevation_rmse_mm'], 1)} mm; "
         f"{number_text(scores['classification_accuracy_pct'], 1)} % of "
-        f"{scores['steps']:.0f} steps classified correctly; end error {number_text(scores['end_error_m'], 2)} m."
+        f"{scores['steps']:.0f} steps classified correctly; {end}."
     )
     return section("Terrain estimated from the legs", lead, boxes(figures), "stack")

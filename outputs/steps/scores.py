@@ -24,7 +24,7 @@ SCORES = (
     Score(name="elevation_in_95_pct", scale=SHARE, heading="elev. in 95 %"),
     Score(name="classification_accuracy_pct", scale=SHARE, heading="class %"),
     Score(name="unknown_pct", scale=BAD_SHARE, heading="unknown %"),
-    Score(name="missed_pct", scale=BAD_SHARE),
+    Score(name="missed_pct", scale=BAD_SHARE, heading="missed %"),
     Score(name="false_pct", scale=BAD_SHARE),
     *(Score(name=f"{axis}_rmse_mm") for axis in "dhy"),
     Score(name="end_error_m", heading="end m"),
@@ -261,21 +261,22 @@ def step_scores(steps: Sequence[ScoredStep]) -> Scores:
         `slope_rmse_deg`, `elevation_rmse_mm`, `slope_in_95_pct`, `elevation_in_95_pct`; of all steps including
         missed ones `classification_accuracy_pct`, `unknown_pct`, `missed_pct`; `{d,h,y}_rmse_mm`, error of the whole
         displacement divided by the number of steps, along the world's x, z and y; `end_error_m`, `end_error_pct`, from
-        the first estimated footprint to the last; `steps`.
+        the first estimated footprint to the last, unless the last two true steps are missed; `steps`.
     """
     figures = step_figures(steps, displacement_errors(steps, ""))
     matched = [s for s in steps if s.is_matched]
     # (N, 3) true and estimated positions, m
     places, estimated = np.array([s.place for s in matched]), np.array([s.estimated_place for s in matched])
     end = float(np.linalg.norm((estimated[-1] - estimated[0]) - (places[-1] - places[0])))
+    is_whole = any(s.is_matched for s in steps[-2:])
     way = float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
     left_out = ("slope_mean_deg", "elevation_mean_mm", "steps_missed")  # figures that are no scores in `SCORES`
     return {
         **{k: float(v) for k, v in figures.items() if k not in left_out},
         "unknown_pct": percent(s.estimated_mode == UNKNOWN for s in steps),
         "missed_pct": percent(not s.is_matched for s in steps),
-        "end_error_m": end,
-        **({"end_error_pct": 100.0 * end / way} if way > 0.0 else {}),
+        **({"end_error_m": end} if is_whole else {}),
+        **({"end_error_pct": 100.0 * end / way} if is_whole and way > 0.0 else {}),
     }
 
 

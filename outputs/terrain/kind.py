@@ -21,6 +21,7 @@ from stridetwin.outputs.base import (
     Score,
     Written,
 )
+from stridetwin.outputs.coverage import COVERAGE
 from stridetwin.outputs.feeding import Instance
 from stridetwin.outputs.terrain.files import LiveTerrain, terrain_document, write_terrain
 from stridetwin.outputs.terrain.run import MapCollector, MapRun, SampledMap
@@ -60,7 +61,11 @@ class TerrainMaps(OutputKind[MapRun, EvaluatedMap]):
             alignment: Unused, for the same reason.
         """
         return [
-            Evaluated(name=output.name, estimates=sampled, scores=map_figures(sampled.scores))
+            Evaluated(
+                name=output.name,
+                estimates=sampled,
+                scores={**map_figures(sampled.scores), COVERAGE.name: 100.0 * sampled.coverage},
+            )
             for output in outputs
             if (sampled := output.estimates.sampled) is not None
         ]

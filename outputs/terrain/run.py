@@ -9,10 +9,12 @@ import numpy as np
 from stridetwin.estimators.terrain_map import TerrainMap
 from stridetwin.outputs.aligned_walk import AlignedWalk
 from stridetwin.outputs.base import Collector, Output
+from stridetwin.outputs.coverage import covered_share
 from stridetwin.outputs.terrain.grid import GroundGrid
 from stridetwin.outputs.terrain.mapped_route import MappedRoute, RouteMapper
 from stridetwin.outputs.terrain.scores import MapScorer, MapScores
 from stridetwin.outputs.terrain.snapshots import Snapshot, take_snapshot
+from stridetwin.outputs.truth import walking_span_ns
 from stridetwin.streams.samples import Depth, Sample
 
 
@@ -25,12 +27,14 @@ class SampledMap:
         scores: Scores of the map.
         route: The ground along the route, as it was mapped before the walker stood on it.
         snapshots: The ground around the walker each half second.
+        coverage: Share of the time from the first footprint to the last with maps, 0-1.
     """
 
     walk: AlignedWalk
     scores: MapScores
     route: MappedRoute
     snapshots: list[Snapshot]
+    coverage: float = 1.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -82,12 +86,14 @@ class _MapSampler:
         # the stored ground reaches a little beyond the walk at both ends
         self._route = RouteMapper(walk.layout, float(walk.place_m.min()) - 0.5, last_m + 1.0)
         self._snapshots: list[Snapshot] = []
+        self._mapped_ns: list[int] = []  # times of the depth images after which there was a map
 
     def sample(self, t_ns: int) -> None:
         """Compares the map with the truth, if the depth image of `t_ns` has just changed it and the pose is known."""
         estimate, place_m = self._map.estimate, self._walk.place_at(t_ns)
         if estimate is None or estimate.t_ns != t_ns or place_m is None:
             return
+        self._mapped_ns.append(t_ns)
         alignment = self._walk.alignment.at(t_ns)
         if not self._scorer.sample(t_ns, self._map, alignment, place_m):  # the whole ground only each half second
             return
@@ -99,5 +105,9 @@ class _MapSampler:
     def result(self) -> SampledMap:
         """Everything that has been sampled so far."""
         return SampledMap(
-            walk=self._walk, scores=self._scorer.scores(), route=self._route.result(), snapshots=self._snapshots
+            walk=self._walk,
+            scores=self._scorer.scores(),
+            route=self._route.result(),
+            snapshots=self._snapshots,
+            coverage=covered_share(np.array(self._mapped_ns, np.int64), *walking_span_ns(self._walk.footprints)),
         )

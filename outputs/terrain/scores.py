@@ -11,6 +11,7 @@ import numpy as np
 from stridetwin.estimators.terrain_map import Profile, TerrainMap
 from stridetwin.outputs.alignment import YawAlignment
 from stridetwin.outputs.base import BAD_SHARE, DESCRIPTIVE, SHARE, Score, Scores
+from stridetwin.outputs.coverage import COVERAGE
 from stridetwin.outputs.terrain.changes import ScoredChange, TerrainChange, mode_of
 from stridetwin.outputs.truth import edges, flights, scoring_time_ns
 from stridetwin.streams.samples import Array
@@ -64,6 +65,7 @@ SCORES = (
     Score(name="riser_rmse_mm", heading="riser mm"),
     Score(name="tread_rmse_mm", heading="tread mm"),
     Score(name="slope_rmse_deg", heading="slope °"),
+    COVERAGE,
 )
 """The scores of a terrain map; see `map_figures`."""
 

@@ -101,7 +101,7 @@ def odometry_figures(poses: list[Pose], recording: Recording, mount: str) -> dic
     scores = score(comparison)
     return {
         "distance_m": scores["distance_m"],
-        "end_height_m": scores["end_height_error_m"],
+        "end_height_m": float(comparison.error_m[-1, 2]),
         "tilt_rad": float(np.sqrt(np.mean(tilt[settled] ** 2))) if settled.any() else math.nan,
         "inside_pct": scores["nees_position_within_95_pct"],
     }

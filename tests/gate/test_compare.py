@@ -208,3 +208,33 @@ def test_a_walk_without_one_of_the_scores_leaves_the_others_theirs():
 def test_other_files_are_no_baseline(bad):
     with pytest.raises(StrideTwinError, match=r"base\.json"):
         table_of(bad, "base.json")
+
+
+def covered(pct):
+    """Twenty walks that are covered as given, by the number of the walk."""
+    return changed(table(1, 20), lambda i, name, scores: {**scores, "coverage_pct": pct(i)})
+
+
+@pytest.mark.parametrize(
+    ("pct", "verdict"),
+    [
+        (lambda i: 99.0, SAME),
+        (lambda i: 99.0 - 0.1 * (i % 2), SAME),
+        (lambda i: 97.0, WORSE),
+        (lambda i: 90.0 if i == 3 else 99.0, WORSE),  # one partial result in twenty, no proof needed
+        (lambda i: 100.5, BETTER),
+    ],
+)
+def test_what_is_covered_of_the_same_walks_is_compared_without_a_test(pct, verdict):
+    found = lines(covered(pct), covered(lambda i: 99.0))["mine", "coverage_pct"]
+    assert (found.verdict, found.method, found.p) == (verdict, PAIRED, None)
+
+
+def test_an_end_that_is_never_reached_is_missing_and_what_is_covered_is_worse():
+    whole = covered(lambda i: 100.0)
+    partial = changed(
+        whole, lambda i, name, s: {k: v for k, v in s.items() if k != "end_error_m"} | {"coverage_pct": 3.0}
+    )
+    found = lines(partial, whole)
+    assert found["mine", "end_error_m"].verdict == MISSING
+    assert found["mine", "coverage_pct"].verdict == WORSE

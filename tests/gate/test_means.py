@@ -38,3 +38,10 @@ def test_a_summary_has_means_and_the_largest_maximum():
 @pytest.mark.parametrize("metric", ["nis_standing", "end_height_error_m", "straddling_pct"])
 def test_scores_without_a_meaningful_mean_are_not_compared(metric):
     assert found({metric: 9.0}, {metric: 1.0}) == []
+
+
+def test_what_is_covered_may_not_shrink_by_the_tolerance():
+    covered = SAME | {"coverage_pct": 100.0}
+    assert found(covered | {"coverage_pct": 99.5}, covered) == []
+    assert found(covered | {"coverage_pct": 93.0}, covered) == ["coverage_pct"]
+    assert found(SAME, covered) == ["coverage_pct"]

@@ -156,6 +156,36 @@ def test_a_folder_without_poses_is_refused(folder, tmp_path, capsys):
     assert any(t["type"] == "stairs" for t in json.loads(out.read_text())["terrains"])
 
 
+@pytest.mark.parametrize("has_truth", [True, False])
+def test_poses_with_w_first_are_noticed_by_the_truth_or_by_the_ground(folder, tmp_path, capsys, has_truth):
+    for file in (*folder.glob("*.depth.png"), *(folder.glob("*.pose.txt") if has_truth else ())):
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    (tmp_path / "camera-intrinsics.txt").write_bytes((folder / "camera-intrinsics.txt").read_bytes())
+    poses, out = tmp_path / "poses.csv", tmp_path / "map.json"
+    x, y, z, w = _xyzw(folder)
+    poses.write_text("".join(f"{i / 30:.9f},-1.2,0,1.6,{w},{x},{y},{z}\n" for i in range(3)))
+    command = ["estimate", "terrain_map", str(tmp_path), "-o", str(out), "--poses", str(poses)]
+    assert main(command) == 0
+    printed = capsys.readouterr()
+    assert "--quaternion wxyz" in printed.err or "quaternions as wxyz" in printed.err
+    assert "rotated" not in printed.out
+    assert any(t["type"] == "stairs" for t in json.loads(out.read_text())["terrains"])
+    assert main([*command, "--quaternion", "wxyz"]) == 0
+    assert "quaternion" not in capsys.readouterr().err
+
+
+def test_poses_without_stamps_need_times(folder, tmp_path, capsys):
+    poses, out, times = tmp_path / "poses.txt", tmp_path / "map.json", tmp_path / "times.txt"
+    T = np.loadtxt(folder / "frame-000000.pose.txt")
+    np.savetxt(poses, np.tile(T[:3].ravel(), (3, 1)))
+    np.savetxt(times, np.arange(3) / 30)
+    command = ["estimate", "terrain_map", str(folder), "-o", str(out), "--poses", str(poses)]
+    assert main(command) == 2
+    assert "--times FILE" in capsys.readouterr().err
+    assert main([*command, "--times", str(times)]) == 0
+    assert any(t["type"] == "stairs" for t in json.loads(out.read_text())["terrains"])
+
+
 def _xyzw(folder):
     from scipy.spatial.transform import Rotation
 
