@@ -153,7 +153,7 @@ def _find_movements(t: Array, is_at_rest: NDArray[np.bool_], unrest: Array) -> l
     """First and last row of each movement: from the stillest sample of a rest to that of the next one."""
     changes = np.diff(np.pad(is_at_rest.astype(np.int8), 1))
     starts, ends = np.flatnonzero(changes == 1), np.flatnonzero(changes == -1)
-    stillest = [start + int(np.argmin(unrest[start:end])) for start, end in zip(starts, ends)]
+    stillest = [int(start) + int(np.argmin(unrest[start:end])) for start, end in zip(starts, ends)]
     shortest, longest = _MOVEMENT_S
     return [
         (stillest[k], stillest[k + 1])

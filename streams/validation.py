@@ -203,7 +203,7 @@ def _describe_expected(schemas: Sequence[_Schema], root: _Schema, value: object 
         root: Schema of the whole file, which has the definitions.
         value: The present value; a similar word or key is suggested.
     """
-    choices: list[object] = []  # the valid words of all schemas
+    choices: list[str] = []  # the valid words of all schemas
     for schema in schemas:
         choices += [schema["const"]] if "const" in schema else schema.get("enum", [])
     alternatives = [suggest(value, dict.fromkeys(choices))] if choices else []

@@ -264,5 +264,5 @@ def read_planes(
         covariance = sd * sd * inverse
         for k in range(3):
             covariance[k, k] += error_variance
-        copy_matrix(np.linalg.inv(covariance), weights[at])
+        copy_matrix(np.linalg.inv(covariance), weights[at])  # type: ignore[arg-type]
     return count

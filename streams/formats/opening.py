@@ -599,7 +599,7 @@ def _sample_depths(images: ImageStream) -> list[Array]:
         except (StrideTwinError, ValueError, IndexError):
             continue  # is reported when the image is used
         if isinstance(image, Depth):
-            depths.append(np.asarray(image.depth))
+            depths.append(np.asarray(image.depth, float))
     return depths
 
 
