@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.formats.assumed_calibration import make_pinhole, read_first_image_size
 from stridetwin.streams.formats.derived import check_overlap, join_at_gyro_stamps, to_odometry
 from stridetwin.streams.formats.frame_intrinsics import choose_frame
@@ -39,8 +39,6 @@ _RATE, _FORCE = ("wx", "wy", "wz"), ("ax", "ay", "az")
 _POSE = ("tx", "ty", "tz", "qx", "qy", "qz", "qw")
 _INTRINSICS = ("fx", "fy", "cx", "cy")
 """What `calibration.txt` has, once or for each image."""
-_PLAUSIBLE_M = (0.25, 15.0)
-"""Between these is the median depth of an image at the right scale."""
 
 
 def is_tum_rgbd(path: Path) -> bool:
@@ -68,7 +66,6 @@ def read_tum_rgbd(path: Path, notes: Notes, per_metre: float = PER_METRE) -> Sou
         images[COLOR] = read_image_list(path / "rgb.txt", path, None, parse_seconds, notes)
     if (path / "depth.txt").is_file():
         images[DEPTH] = read_image_list(path / "depth.txt", path, None, parse_seconds, notes, per_metre)
-        _check_depth(images[DEPTH], per_metre, notes)
     images = {topic: stream for topic, stream in images.items() if len(stream.t_ns)}
     blocks |= _read_inertial(path, notes)
     file = path / "groundtruth.txt"
@@ -109,21 +106,6 @@ def _read_columns(file: Path, names: tuple[str, ...], notes: Notes) -> tuple[Sta
     has_names = all(name in header for name in names)
     places = [(name, header.index(name) if has_names else i) for i, name in enumerate(names, 1)]
     return read_numbers(file, rows, places, parse_seconds, notes)
-
-
-def _check_depth(images: ImageStream, per_metre: float, notes: Notes) -> None:
-    """Warns if the median depth of the first image is one that no such camera measures, the effect of a wrong scale."""
-    try:
-        first = images.load(DEPTH, 0)
-    except (StrideTwinError, IndexError):
-        return  # reported when the image is read
-    measured = first.depth[first.depth > 0] if isinstance(first, Depth) else np.zeros(0)  # m, pixels with depth
-    least, most = _PLAUSIBLE_M
-    if len(measured) and not least < (median := float(np.median(measured))) < most:
-        notes.warn(
-            f"depth: {median:.3g} m in the median of the first image at {per_metre:g} units per metre; "
-            "if the images have another unit, give it with --depth-scale"
-        )
 
 
 def _read_rig(path: Path, images: dict[str, ImageStream], notes: Notes) -> Rig:
