@@ -72,7 +72,7 @@ def describe_distance(results: Sequence[Result]) -> str:
 
 def score_cards(results: Sequence[Result]) -> str:
     """The main scores of every path as cards with large numbers; "" without any."""
-    partial = partial_outputs({result.name: result.scores for result in results})
+    partial = partial_outputs({result.estimate.name: result.scores for result in results})
     shown = (_COVERAGE_CARD, *_CARDS) if partial else _CARDS
     cards, colors = [], estimate_colors(results)
     for key, title, unit, scale, digits, note in shown:
