@@ -151,6 +151,8 @@ def recognise(path: Path) -> str:
         return "vrs"
     if path.suffix in (".npz", *SUFFIXES) and (path.suffix not in OPEN_SUFFIXES or is_imu_text(path)):
         return "table"
+    if path.suffix.lower() in _UNREAD:
+        raise StrideTwinError(f"{path}: {path.suffix} files are not read: {_UNREAD[path.suffix.lower()]}")
     packing = next((name for first_bytes, name in _PACKINGS.items() if head.startswith(first_bytes)), None)
     if packing is not None:
         raise ConfigError(path, "", f"{packing} content", "a recording, or a folder of one: unpack it first")
@@ -158,8 +160,6 @@ def recognise(path: Path) -> str:
     if path.suffix in by_name:
         raise RecordingError(f"{path}: this is no {by_name[path.suffix]}")
     kinds = ", ".join(FILE_FORMATS)
-    if path.suffix.lower() in _UNREAD:
-        raise StrideTwinError(f"{path}: {path.suffix} files are not read: {_UNREAD[path.suffix.lower()]}")
     numbered = f"; a text table of an IMU needs names of its columns, or their numbers: {OPTION} {NUMBERED}"
     hint = numbered if path.suffix in OPEN_SUFFIXES else ""
     raise StrideTwinError(f"{path}: unknown content: expected a recording of one of the kinds {kinds}{hint}")

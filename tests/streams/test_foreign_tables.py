@@ -266,9 +266,12 @@ LONG_T = np.arange(600) / 100.0
 def moving():
     """Forces and rates at rest, and in motion from 2 s on; noise of a sensor throughout."""
     rng = np.random.default_rng(5)
-    motion = np.where(LONG_T < 2, 0.0, np.sin(4 * (LONG_T - 2)))[:, None]
-    force = np.array([0.0, 0.0, 9.81]) + 2.0 * motion * [1, 0, 0.3] + rng.normal(0, 0.03, (600, 3))
-    return force, 3.0 * motion * [0, 1, 0.1] + rng.normal(0, 0.003, (600, 3))
+    moves = LONG_T >= 2
+    rate = np.where(moves, 3.0 * np.sin(4 * (LONG_T - 2)), 0.0)  # about y, rad/s
+    angle = np.where(moves, 0.75 * (1.0 - np.cos(4 * (LONG_T - 2))), 0.0)  # its integral: gravity turns with it
+    none = np.zeros(600)
+    force = 9.81 * np.column_stack([-np.sin(angle), none, np.cos(angle)]) + rng.normal(0, 0.03, (600, 3))
+    return force, np.column_stack([none, rate, none]) + rng.normal(0, 0.003, (600, 3))
 
 
 @pytest.mark.parametrize("fill", ["0", "0.0", "-999", "nan", "", "NULL"])
