@@ -187,14 +187,12 @@ class FootInsPath:
             world: Frame of the world.
 
         Raises:
-            RecordingError: The vertical was never found, or there is no stance.
+            RecordingError: The vertical was never found.
         """
         frame = f"foot_{foot}/imu"
         if not self.aligned.any():  # no alignment has ended
             raise RecordingError(f"{recording.path}: /{frame}: the foot never stands still")
         reliable = self.reliable
-        if not reliable.any():
-            raise RecordingError(f"{recording.path}: /{frame}: {NO_STANCE}")
         ready_ns = int(self.trajectory.t_ns[self.aligned.argmax()])  # the first sample with a known vertical
         return PathEstimate(
             name=f"{name}_{foot}",

@@ -202,7 +202,7 @@ def test_every_command_survives_every_fault(simulator, tmp_path, capsys, faults)
     [
         ({"kind": "dropout", "topic": "/foot_l/imu", "at_s": 0}, "no topic '/foot_l/imu'"),
         ({"kind": "nan", "topic": "/foot_l/imu", "at_s": 0}, "no topic '/foot_l/imu'"),
-        ({"kind": "saturation", "topic": "/foot_l/imu", "at_s": 0, "fraction": 0.001}, "never rests"),
+        ({"kind": "saturation", "topic": "/foot_l/imu", "at_s": 0, "fraction": 0.001}, ""),
         ({"kind": "freeze", "topic": "/foot_l/imu", "at_s": 0}, ""),
     ],
 )

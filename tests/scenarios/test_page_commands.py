@@ -124,8 +124,8 @@ class ParsedError(Exception):
 
 def filled(words):
     made = [PLACES.get(word, word) for word in words]
-    if "--lag" in made:
-        made[made.index("--lag") + 1] = "1"
+    for seconds in {"--lag", "--time-offset"} & set(made):
+        made[made.index(seconds) + 1] = "1"
     return made
 
 
