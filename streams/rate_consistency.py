@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.streams.algebra.arrays import exp
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.samples import Array, Stamps
 
@@ -193,20 +194,10 @@ def compute_misfits(movements: _Movements, corrections: Array) -> Array:
     speed = np.zeros((len(corrections), len(movements.up), 3))
     for rate, force, step in zip(movements.rates, movements.forces, movements.steps):
         half_turn = np.einsum("hij,sj->hsi", corrections, rate) * (0.5 * step)[:, None]
-        half = _rotations(half_turn)
+        half = exp(half_turn)
         middle = rotation @ half
         speed += np.einsum("hsij,sj->hsi", middle, force * step[:, None])
         rotation = middle @ half
     duration = movements.steps.sum(axis=0)[:, None]
     left_over = speed / duration - NOMINAL_GRAVITY_MPS2 * movements.up
     return np.asarray(np.median(np.linalg.norm(left_over, axis=2), axis=1))
-
-
-def _rotations(turns: Array) -> Array:
-    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3), rad: Rodrigues' formula."""
-    angle = np.linalg.norm(turns, axis=-1)[..., None, None]
-    x, y, z = np.moveaxis(turns, -1, 0)
-    zero = np.zeros_like(x)
-    hat = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*x.shape, 3, 3)
-    # sin(a) / a and (1 - cos(a)) / a², also at a = 0
-    return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * hat + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * hat @ hat)

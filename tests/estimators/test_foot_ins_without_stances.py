@@ -8,7 +8,7 @@ from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import FootIns
 from stridetwin.estimators.foot_ins.estimate import LONGEST_WITHOUT_STANCE_S
 from stridetwin.streams.errors import StrideTwinError
-from tests.streams.foot_walk import simulate_foot
+from tests.streams.foot_imu import simulate_foot
 
 
 def carry_in_hand(rest_s: float, carried_s: float):

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from foreign_tables import BODY, FOREIGN, MAPPING, NAMES, rows, save
 from logger_files import DEG, FORCE, FORCE_R, GYRO, GYRO_R, N, T
-from walking_foot import LENGTH_M, foot_walk
 
 from stridetwin.cli.main import main
 from stridetwin.streams.errors import StrideTwinError
@@ -16,6 +15,7 @@ from stridetwin.streams.formats.imu_columns import parse_mapping
 from stridetwin.streams.formats.imu_text import TableRequest
 from stridetwin.streams.formats.opening import ImportOptions, open_any
 from stridetwin.streams.formats.tum import read_tum
+from tests.streams.foot_imu import STRIDE_M, STRIDES, simulate_foot
 
 
 def read(path, topic="/foot_l/imu", **request):
@@ -340,19 +340,19 @@ def test_the_unit_of_ticks_and_rates_of_xsens(tmp_path):
 
 
 def without_every_second_rate(folder):
-    t, force, gyro = foot_walk()
+    t, force, gyro = simulate_foot()
     gyro[1::2] = 0.0
     return save(folder / "a.csv", NAMES, rows(t, force, gyro)), []
 
 
 def without_every_third_force(folder):
-    t, force, gyro = foot_walk()
+    t, force, gyro = simulate_foot()
     force[1::3] = 0.0
     return save(folder / "a.csv", NAMES, rows(t, force, gyro)), []
 
 
 def without_every_tenth_packet(folder):
-    t, force, gyro = foot_walk()
+    t, force, gyro = simulate_foot()
     kept = np.arange(len(t)) % 10 != 3
     counts = (65000 + np.arange(len(t))) % 65536
     path = save(folder / "a.txt", f"// DeviceId: 0\n{PACKETS}", rows(counts[kept], force[kept], gyro[kept]))
@@ -360,7 +360,7 @@ def without_every_tenth_packet(folder):
 
 
 def with_stamps_of_tenths(folder):
-    t, force, gyro = foot_walk()
+    t, force, gyro = simulate_foot()
     return save(folder / "a.csv", NAMES, rows(np.floor(10 * t + 1e-9) / 10, force, gyro)), []
 
 
@@ -374,6 +374,6 @@ def test_the_path_of_a_walk_is_right_all_the_same(tmp_path, write, capsys):
     assert "warning" in capsys.readouterr().err
     estimate = read_tum(tmp_path / "out.txt")
     moved = estimate.p_frame_in_world[-1] - estimate.p_frame_in_world[0]
-    assert np.linalg.norm(moved[:2]) == pytest.approx(LENGTH_M, abs=0.25)
+    assert np.linalg.norm(moved[:2]) == pytest.approx(STRIDES * STRIDE_M, abs=0.25)
     assert abs(moved[2]) < 0.15
-    assert (estimate.t_ns[-1] - estimate.t_ns[0]) * 1e-9 == pytest.approx(foot_walk()[0][-1], abs=0.05)
+    assert (estimate.t_ns[-1] - estimate.t_ns[0]) * 1e-9 == pytest.approx(simulate_foot()[0][-1], abs=0.05)

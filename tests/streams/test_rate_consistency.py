@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.real_walks import data_folder, load_loop, load_markers, load_stairs, load_vicon
 from stridetwin.streams.rate_consistency import find_rate_fault
-from tests.streams.foot_walk import simulate_foot
+from tests.streams.foot_imu import simulate_foot
 
 DEGREE = math.pi / 180
 
