@@ -308,11 +308,11 @@ def check_outputs(command: str, arguments: Options) -> None:
     Raises:
         ConfigError: An output is also an input, is given twice, or cannot be a file.
     """
-    given = dict(vars(arguments))  # the options' values by name; outputs are taken out below, inputs remain
+    option_values = dict(vars(arguments))  # the options' values by name; outputs are taken out below, inputs remain
     if command == "history":
-        given["file"] = given.pop("history")  # an input
-    outputs = {name: given.pop(name) for name in _OUTPUTS if isinstance(given.get(name), Path)}
-    taken = list(_find_files(given.values()))  # inputs, and the outputs so far
+        option_values["file"] = option_values.pop("history")  # an input
+    outputs = {name: option_values.pop(name) for name in _OUTPUTS if isinstance(option_values.get(name), Path)}
+    taken = list(_find_files(option_values.values()))  # inputs, and the outputs so far
     for name, path in outputs.items():
         option = f"{command} {_OUTPUTS[name]}"
         if any(_is_same_file(path, other) for other in taken):

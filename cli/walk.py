@@ -106,7 +106,7 @@ def _generate_campaign(path: Path, arguments: GenerateOptions, progress: Progres
         scheduler=arguments.scheduler,
         seed=arguments.seed,
         subset=arguments.subset,
-        extra=Extra(physics=arguments.physics, off=_switched_off(campaign, arguments)),
+        extra=Extra(physics=arguments.physics, off=_list_switched_off(campaign, arguments)),
     )
     result = generate(campaign, options, progress, lambda missing: _announce_campaign(campaign, options, missing))
     walks, verdicts = result.manifest["walks"], result.verdicts
@@ -150,7 +150,7 @@ def _announce(cost: Cost, workers: int = 1, more: str = "") -> None:
         print(f"stridetwin: note: {cost.describe(workers)}{more}", file=sys.stderr, flush=True)
 
 
-def _switched_off(campaign: Campaign, arguments: GenerateOptions) -> tuple[str, ...]:
+def _list_switched_off(campaign: Campaign, arguments: GenerateOptions) -> tuple[str, ...]:
     """Groups of sensors that the walks of a campaign do without, because of `--no-cameras` and `--only`.
 
     With `--only`, a group stays if one of the campaign's scenarios needs it for one of these estimators.

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from stridetwin.estimators.terrain_map.depth_camera import DepthCamera, camera_in_frame, depth_calibration
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.upright import normals, upward
-from stridetwin.outputs.coverage import ENOUGH_PCT, covered_share
+from stridetwin.outputs.coverage import ENOUGH_PCT, compute_covered_share
 from stridetwin.outputs.feeding import runnable_instances
 from stridetwin.outputs.parameters import ParameterValues, with_parameters
 from stridetwin.outputs.path.estimate_file import ASSUMED_W_FIRST, settle_order, span_of
@@ -128,7 +128,9 @@ def _read_given(recording: Recording, file: Path, options: TrajectoryOptions) ->
         except RecordingError:  # no truth
             read = _settle_by_ground(recording, read, notes)
     stamps = recording.image_times(depth_calibration(recording.rig).depth_topic)
-    covered_pct = 100.0 * covered_share(read.path.t_ns, int(stamps[0]), int(stamps[-1])) if len(stamps) else 100.0
+    covered_pct = (
+        100.0 * compute_covered_share(read.path.t_ns, int(stamps[0]), int(stamps[-1])) if len(stamps) else 100.0
+    )
     if covered_pct < ENOUGH_PCT:
         notes.warn(f"its poses cover {covered_pct:.1f} % of the time of the depth images: the others are left out")
     print_warnings(file, notes.warnings)

@@ -12,7 +12,7 @@ from stridetwin.outputs.base import SHARE, Score, Scores
 COVERAGE = Score(
     name="coverage_pct", scale=SHARE, heading="covered %", label="Time that is covered", unit="%", digits=1
 )
-"""The score that every kind of output with times has; see `covered_share`."""
+"""The score that every kind of output with times has; see `compute_covered_share`."""
 ENOUGH_PCT = 95.0
 """Less is reported, as the other scores are then those of a part."""
 _HOLE_PERIODS, _SHORTEST_HOLE_NS, _LONGEST_STEP_NS = 5.0, 100_000_000, 3_000_000_000
@@ -22,7 +22,7 @@ _EARLY_NS = 200_000_000
 """An output that ends so long before the truth still reaches its end."""
 
 
-def covered_share(t_ns: NDArray[np.int64], begin_ns: int, end_ns: int) -> float:
+def compute_covered_share(t_ns: NDArray[np.int64], begin_ns: int, end_ns: int) -> float:
     """Share of the time from `begin_ns` to `end_ns` between estimates at the stamps (N,), without holes, 0-1.
 
     It is 1 for a time of length 0.

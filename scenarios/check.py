@@ -339,7 +339,7 @@ def _check_topic(recording: Recording, topic: str, block: Block[S] | None) -> tu
     info, t_ns = recording.topics[topic], recording.times(topic)
     is_image = info.kind in (Image, Depth)
     timing = _timing(t_ns)
-    declared_hz, is_calibrated = _declared_in_rig(recording, topic)
+    declared_hz, is_calibrated = _read_from_rig(recording, topic)
     row: CheckedTopic = {
         "kind": info.kind.__name__,
         "samples": info.count,
@@ -399,7 +399,7 @@ def _timing(t_ns: NDArray[np.int64]) -> Timing:
     }
 
 
-def _declared_in_rig(recording: Recording, topic: str) -> tuple[float, bool | None]:
+def _read_from_rig(recording: Recording, topic: str) -> tuple[float, bool | None]:
     """What the calibration of a recording says about a topic.
 
     Returns:

@@ -31,9 +31,11 @@ class Keys:
         """The keys that have not been taken."""
         return iter(list(self._node))
 
-    def unused(self) -> list[str]:
+    def list_unused(self) -> list[str]:
         """Dotted paths of the keys that have not been taken, those of taken mappings among them."""
-        return [self.place.key(key).path for key in self._node] + [path for k in self._inside for path in k.unused()]
+        return [self.place.key(key).path for key in self._node] + [
+            path for k in self._inside for path in k.list_unused()
+        ]
 
     def take(self, key: str) -> object:
         """The value of a key, as it is in the file; None if the file lacks it."""

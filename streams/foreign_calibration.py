@@ -76,7 +76,7 @@ def convert_calibration(document: dict[str, object], source: str, read: ReadNeig
     ):
         if is_of_tool(document):
             result = convert(keys, read)
-            result.unused += keys.unused()
+            result.unused += keys.list_unused()
             return result
     return None
 
@@ -236,7 +236,7 @@ def _take_vins_camera(
         camera = Keys(document, FieldLocation(source=f"{keys.place.source}: {name}"))
         camera.drop("camera_name")
         section = _take_camodocal(camera)
-        result.unused += [f"{name}: {path}" for path in camera.unused()]
+        result.unused += [f"{name}: {path}" for path in camera.list_unused()]
         return section
     return _take_camodocal(keys) if is_first and "model_type" in keys else None
 

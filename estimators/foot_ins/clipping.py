@@ -130,12 +130,12 @@ def _reconstruct_peak(memory: state.FilterState, parameters: KernelParameters, c
     sign = 1.0 if third_newest > 0.0 else -1.0
     # samples 2 to `end` - 1, counted back from the newest, are clipped; `top` is their sum, later their mean
     end, top = 2, 0.0
-    while end < fill - 3 and _signed_value(memory, end, channel, sign) >= limit:
-        top += _signed_value(memory, end, channel, sign)
+    while end < fill - 3 and _read_signed(memory, end, channel, sign) >= limit:
+        top += _read_signed(memory, end, channel, sign)
         end += 1
     # x0, x1: the two samples after the peak; x_end, x_before: the two before it
-    x0, x1 = _signed_value(memory, 0, channel, sign), _signed_value(memory, 1, channel, sign)
-    x_end, x_before = _signed_value(memory, end, channel, sign), _signed_value(memory, end + 1, channel, sign)
+    x0, x1 = _read_signed(memory, 0, channel, sign), _read_signed(memory, 1, channel, sign)
+    x_end, x_before = _read_signed(memory, end, channel, sign), _read_signed(memory, end + 1, channel, sign)
     span = (memory.ring_t_ns[state.ring_row(memory, 0)] - memory.ring_t_ns[state.ring_row(memory, end + 1)]) * 1e-9
     dt = span / (end + 1)
     rise, fall = (x_end - x_before) / dt, (x1 - x0) / dt  # slopes at both ends, positive for a peak
@@ -165,6 +165,6 @@ def _reconstruct_peak(memory: state.FilterState, parameters: KernelParameters, c
 
 
 @njit(**INNER_KERNEL)
-def _signed_value(memory: state.FilterState, back: int, channel: int, sign: float) -> float:
+def _read_signed(memory: state.FilterState, back: int, channel: int, sign: float) -> float:
     """A channel of the sample `back` samples older than the newest, times `sign`."""
     return sign * memory.ring[state.ring_row(memory, back), channel]

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from stridetwin.estimators.gait_phase import PhaseEstimate
 from stridetwin.outputs.base import BAD_SHARE, DESCRIPTIVE, SHARE, Evaluated, Score
-from stridetwin.outputs.coverage import COVERAGE, covered_share
+from stridetwin.outputs.coverage import COVERAGE, compute_covered_share
 from stridetwin.streams.samples import Array, Footprint
 
 TERRAINS = LEVEL, STAIRS, RAMP = ("level", "stairs", "ramp")
@@ -250,7 +250,7 @@ def phase_scores(series: PhaseSeries, strides: Sequence[Stride]) -> dict[str, fl
         "not_walking_pct": 100.0 * float((~walking).mean()),
         **_touch_down_scores(find_touch_downs(series), strides),
         "strides": float(len(rows)),
-        COVERAGE.name: 100.0 * covered_share(series.t_ns, strides[0].begin_ns, strides[-1].end_ns),
+        COVERAGE.name: 100.0 * compute_covered_share(series.t_ns, strides[0].begin_ns, strides[-1].end_ns),
     }
 
 

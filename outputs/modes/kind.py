@@ -25,7 +25,7 @@ from stridetwin.outputs.base import (
     Score,
     Written,
 )
-from stridetwin.outputs.coverage import COVERAGE, covered_share
+from stridetwin.outputs.coverage import COVERAGE, compute_covered_share
 from stridetwin.outputs.csv_tables import write_output_table
 from stridetwin.outputs.feeding import Instance
 from stridetwin.outputs.modes.files import MODE_COLUMNS, LiveModes, find_completed_steps, mode_cells
@@ -98,7 +98,7 @@ class Modes(OutputKind[ModeRun, EvaluatedModes]):
             if walk is not None:
                 modes = score_modes(walk.footprints, estimates, walk.alignment, walk.layout, walk.sole_m)
                 t_ns = np.array([estimate.t_ns for estimate in estimates], np.int64)
-                covered = covered_share(t_ns, *walking_span_ns(walk.footprints))
+                covered = compute_covered_share(t_ns, *walking_span_ns(walk.footprints))
                 scores = {**scores_of_walk(modes), COVERAGE.name: 100.0 * covered}
                 evaluations.append(
                     EvaluatedModes(name=output.name, estimates=estimates, modes=modes, walk=walk, scores=scores)

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.outputs.alignment import Rigid, align, vertical_rotation
 from stridetwin.outputs.base import CLAIM, DESCRIPTIVE, SHARE, Score, Scores
-from stridetwin.outputs.coverage import COVERAGE, covered_share, reaches_end
+from stridetwin.outputs.coverage import COVERAGE, compute_covered_share, reaches_end
 from stridetwin.outputs.truth import TruePath
 from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.samples import Array
@@ -134,7 +134,7 @@ def compare(
         estimate=transform.apply(inside_poses),
         truth=truth,
         distance_m=np.interp(inside_poses.t_ns, path.t_ns, path.distance_m),
-        coverage=covered_share(inside_poses.t_ns, *span_ns),
+        coverage=compute_covered_share(inside_poses.t_ns, *span_ns),
         reaches_end=reaches_end(inside_poses.t_ns, span_ns[1]),
         transform=transform,
     )

@@ -9,7 +9,7 @@ import numpy as np
 from stridetwin.estimators.terrain_map import TerrainMap
 from stridetwin.outputs.aligned_walk import AlignedWalk
 from stridetwin.outputs.base import Collector, Output
-from stridetwin.outputs.coverage import covered_share
+from stridetwin.outputs.coverage import compute_covered_share
 from stridetwin.outputs.terrain.grid import GroundGrid
 from stridetwin.outputs.terrain.mapped_route import MappedRoute, RouteMapper
 from stridetwin.outputs.terrain.scores import MapScorer, MapScores
@@ -109,5 +109,7 @@ class _MapSampler:
             scores=self._scorer.scores(),
             route=self._route.result(),
             snapshots=self._snapshots,
-            coverage=covered_share(np.array(self._mapped_ns, np.int64), *walking_span_ns(self._walk.footprints)),
+            coverage=compute_covered_share(
+                np.array(self._mapped_ns, np.int64), *walking_span_ns(self._walk.footprints)
+            ),
         )

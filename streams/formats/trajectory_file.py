@@ -60,7 +60,7 @@ class TrajectoryFile:
     is_order_known: bool = True
 
     def with_other_order(self) -> TrajectoryFile:
-        """The same file with the quaternion in the other order."""
+        """This trajectory with each quaternion read in the other order: w first in place of w last, or the reverse."""
         # (w, x, y, z) read from `a b c d`: (d, a, b, c) with w last, and (a, b, c, d) with w first
         steps, order = (-1, W_FIRST) if self.order == W_LAST else (1, W_LAST)
         q = np.roll(self.path.q_world_frame, steps, axis=1)

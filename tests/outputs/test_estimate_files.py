@@ -8,7 +8,7 @@ from foot_walk import foot_walk, tum_rows, write_rows, write_truth
 from scipy.spatial.transform import Rotation
 
 from stridetwin.cli.main import main
-from stridetwin.outputs.coverage import covered_share, describe_partial, reaches_end
+from stridetwin.outputs.coverage import compute_covered_share, describe_partial, reaches_end
 from stridetwin.streams.trajectory import Trajectory
 
 WALK = foot_walk()
@@ -146,12 +146,12 @@ def test_options_of_files_need_a_file(recording, capsys):
 def test_holes_are_gaps_of_much_more_than_the_period():
     second = 1_000_000_000
     t_ns = np.arange(0, 20 * second + 1, second // 10)
-    assert covered_share(t_ns, 0, 20 * second) == 1.0
-    assert covered_share(t_ns[::20], 0, 20 * second) == 1.0
-    assert covered_share(np.delete(t_ns, slice(51, 54)), 0, 20 * second) == 1.0  # three poses are no hole
-    assert covered_share(np.delete(t_ns, slice(50, 100)), 0, 20 * second) == pytest.approx(0.745)
-    assert covered_share(t_ns[:1], 0, 20 * second) == 0.0
-    assert covered_share(np.empty(0, np.int64), 0, 20 * second) == 0.0
+    assert compute_covered_share(t_ns, 0, 20 * second) == 1.0
+    assert compute_covered_share(t_ns[::20], 0, 20 * second) == 1.0
+    assert compute_covered_share(np.delete(t_ns, slice(51, 54)), 0, 20 * second) == 1.0  # three poses are no hole
+    assert compute_covered_share(np.delete(t_ns, slice(50, 100)), 0, 20 * second) == pytest.approx(0.745)
+    assert compute_covered_share(t_ns[:1], 0, 20 * second) == 0.0
+    assert compute_covered_share(np.empty(0, np.int64), 0, 20 * second) == 0.0
     assert reaches_end(t_ns, 20 * second + second // 10)
     assert not reaches_end(t_ns, 21 * second)
 
