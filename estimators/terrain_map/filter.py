@@ -211,7 +211,7 @@ class TerrainMap:
             t_ns=t_ns,
             planes=planes,
             p_camera_in_world=p_camera_in_world,
-            terrains=self._terrains.find(planes, self._planes, self._volume.refine_riser),
+            terrains=self._terrains.find(planes, self._planes, self._volume.refine_riser, p_camera_in_world),
         )
 
     def clear(self) -> None:

@@ -14,6 +14,7 @@ from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.plane_set import PlaneSet, find_borders
 from stridetwin.estimators.terrain_map.risers import Riser, fit_riser, group_by_planes
 from stridetwin.estimators.terrain_map.stairs import find_flights, fit_stairs, heading_of
+from stridetwin.estimators.terrain_map.walkable import WalkedPlanes, select_walkable
 from stridetwin.streams.samples import Array
 
 KERB_M = 0.04
@@ -84,17 +85,21 @@ class Terrains:
     def __init__(self, R_world_grid: Array, parameters: TerrainMapParameters) -> None:
         """Begins without terrains; `R_world_grid` (3, 3) rotates grid to world axes."""
         self._R_world_grid, self._p = R_world_grid, parameters
+        self._walked = WalkedPlanes(R_world_grid, parameters)
         # what the last call found: risers by the ids of lower and upper plane, flights by their risers
         self._risers: dict[tuple[int, int], _CachedRiser] = {}
         self._stairs: dict[tuple[Riser, ...], Stairs] = {}
 
-    def find(self, planes: dict[int, Plane], plane_set: PlaneSet, refine: RefineRiser) -> tuple[Terrain, ...]:
+    def find(
+        self, planes: dict[int, Plane], plane_set: PlaneSet, refine: RefineRiser, p_camera_in_world: Array
+    ) -> tuple[Terrain, ...]:
         """Finds levels, ramps and stairs among the planes.
 
         Args:
             planes: Planes by id, world axes; unchanged planes are the same objects as in the last call.
             plane_set: Columns of the planes.
             refine: Measures the edge of a riser.
+            p_camera_in_world: (3,) m, under which the walker is.
 
         Returns:
             The flights, then levels and ramps. A tread within a flight is no level, and a plane that is too steep or
@@ -104,7 +109,9 @@ class Terrains:
         terrains: list[Terrain] = []
         treads: set[int] = set()
         # rows of risers, one per flight; a row of unchanged risers keeps its flight
-        rows = [tuple(row) for row in find_flights(self._find_risers(planes, plane_set), p)]
+        walked = self._walked.update(planes, plane_set, p_camera_in_world)
+        risers = self._find_risers(planes, plane_set)
+        rows = [tuple(row) for row in find_flights(risers, p, lambda rows: select_walkable(rows, planes, walked, p))]
         self._stairs = {row: self._stairs.get(row) or self._fit_flight(row, planes, refine) for row in rows}
         for flight in self._stairs.values():
             terrains.append(flight)

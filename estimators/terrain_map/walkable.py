@@ -1,0 +1,215 @@
+"""Which rows of risers a person can walk: those that lead on from the ground that the walker has under the feet.
+
+Rims of planters, crates, chests and tables make rises as high as those of stairs. They differ in where they stand and
+how large they are: no walkable ground leads to a chest from which a table rises, and a crate ends before a step does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from stridetwin.estimators.terrain_map.estimate import Plane
+from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
+from stridetwin.estimators.terrain_map.plane_fit import point_toward
+from stridetwin.estimators.terrain_map.plane_set import SLOTS, PlaneSet
+from stridetwin.estimators.terrain_map.risers import Riser
+from stridetwin.streams.samples import Array
+
+_FEET_M = 0.25
+"""Radius of the ground under the walker: the feet are no farther from the point under the camera, or soon will be."""
+_FEET_SHARE = 0.1
+"""Smallest share of that ground that a plane under the feet covers."""
+_MIN_EYE_M = 0.8
+"""A plane under the feet is at least so far below the camera: chest of a short person over the next tread."""
+_START_REACH_M = 2.0
+"""Before the walker has moved, the lowest plane that begins within this distance counts as the ground."""
+_MIN_START_M2 = 0.1
+"""Smallest area of that plane."""
+_MIN_WIDTH_M = 0.5
+"""Shortest edge over which a person walks; building codes ask for stairs of 0.6 m and more."""
+_WIDE_EDGES = 2
+"""Edges of a flight that must be so long: others may be occluded, by a leg or by the border of the image."""
+_REGULAR_STEPS, _REGULAR_RATIO = 3, 1.35
+"""So many risers, the highest at most so many times the lowest, are stairs wherever they begin: uneven ones have up to
+1.2, and errors of risers of 0.15 m add 0.1."""
+_MIN_LINK_M2 = 0.36
+"""A plane of so much area extends to others of its height: the tilt of a smaller one is too uncertain."""
+_MAX_GAP_M = 1.0
+"""Longest unobserved ground between a ramp and the level that it meets."""
+
+
+class WalkedPlanes:
+    """The planes that the walker has under the feet, or had.
+
+    Args:
+        R_world_grid: (3, 3) grid to world axes.
+        parameters: Size of a column.
+    """
+
+    def __init__(self, R_world_grid: Array, parameters: TerrainMapParameters) -> None:
+        """Begins without planes; `R_world_grid` (3, 3) rotates grid to world axes."""
+        self._R_world_grid, self._voxel_m = R_world_grid, parameters.voxel_size_m
+        reach = round(_FEET_M / self._voxel_m)  # columns
+        offsets = np.stack(np.meshgrid(*[np.arange(-reach, reach + 1)] * 2), axis=-1).reshape(-1, 2)
+        # (N, 2) columns of the ground under the feet, relative to that under the camera
+        self._under = offsets[(offsets**2).sum(axis=1) <= reach**2]
+        self._ids: set[int] = set()
+
+    def update(self, planes: dict[int, Plane], plane_set: PlaneSet, p_camera_in_world: Array) -> set[int]:
+        """Ids of the planes that have been walked on; before any is known, that of the lowest plane near the camera.
+
+        Args:
+            planes: Planes by id.
+            plane_set: Their columns.
+            p_camera_in_world: (3,) m.
+        """
+        self._ids = {id_ for id_ in self._ids if id_ in planes}
+        # (2,) column under the camera; v @ R_world_grid is v in grid axes
+        column = np.floor(p_camera_in_world[:2] @ self._R_world_grid[:2, :2] / self._voxel_m).astype(np.int64)
+        slots, _ = plane_set.surface.at(column + self._under)
+        counts = np.bincount(slots[slots >= 0], minlength=SLOTS)
+        for slot in np.flatnonzero(counts >= _FEET_SHARE * len(self._under)).tolist():
+            plane = planes[int(plane_set.ids[slot])]
+            if float(p_camera_in_world[2] - plane.height(p_camera_in_world[:2])) > _MIN_EYE_M:
+                self._ids.add(plane.id)
+        return self._ids or _lowest_nearby(planes.values(), p_camera_in_world)
+
+
+def _lowest_nearby(planes: Iterable[Plane], p_camera_in_world: Array) -> set[int]:
+    """Id of the lowest plane of some area near the camera, or none; `p_camera_in_world` is (3,), m."""
+    x, y, z = p_camera_in_world.tolist()
+    nearby = []
+    for plane in planes:
+        a, b = point_toward(plane.centre, plane.spread, x, y, 0.0)  # its nearest side
+        is_near = math.hypot(a - x, b - y) < _START_REACH_M
+        if is_near and plane.area_m2 >= _MIN_START_M2 and plane.centre[2] < z - _MIN_EYE_M:
+            nearby.append(plane)
+    return {min(nearby, key=lambda plane: float(plane.centre[2])).id} if nearby else set()
+
+
+def select_walkable(
+    rows: Sequence[list[Riser]], planes: dict[int, Plane], walked: set[int], p: TerrainMapParameters
+) -> list[list[Riser]]:
+    """The rows of risers that lead on from walked ground, directly or over ramps, levels and other such rows.
+
+    Two edges of a row, or the only one, are as long as a person is wide. A single rise leads to a landing, unless it
+    begins on a tread of another flight: on a smaller surface nobody walks on. The way down has no such condition, for
+    the edge of the walked ground hides most of what follows. A row of several like risers needs no ground below it: a
+    leg or a bystander may occlude its foot.
+
+    Args:
+        rows: Rows of risers from the lowest, see `find_flights`.
+        planes: Planes by id.
+        walked: Ids of planes that have been walked on.
+        p: Dimensions of stairs.
+    """
+    reached, treads = set(walked), set[int]()
+    waiting = [row for row in rows if _is_wide(row)]
+    selected: set[int] = set()  # `id()` of the rows
+    while True:
+        ends = {id_ for row in waiting for id_ in (row[0].lower, row[-1].upper)}
+        reached |= _level_with(reached, ends - reached, planes, p)
+        reachable = [row for row in waiting if _leads_on(row, planes, reached, treads, walked, p)]
+        if not reachable:
+            return [row for row in rows if id(row) in selected]
+        selected |= {id(row) for row in reachable}
+        waiting = [row for row in waiting if id(row) not in selected]
+        for row in reachable:
+            reached |= {row[0].lower, *(riser.upper for riser in row)}
+            treads |= {riser.upper for riser in row if not _is_landing(planes[riser.upper], riser.down, p)}
+
+
+def _is_wide(row: Sequence[Riser]) -> bool:
+    """Whether enough edges of a row are as long as a person is wide."""
+    return sum(riser.length >= _MIN_WIDTH_M for riser in row) >= min(_WIDE_EDGES, len(row))
+
+
+def _leads_on(
+    row: Sequence[Riser],
+    planes: dict[int, Plane],
+    reached: set[int],
+    treads: set[int],
+    walked: set[int],
+    p: TerrainMapParameters,
+) -> bool:
+    """Whether a row of risers leads up or down from ground that can be reached, see `select_walkable`.
+
+    Args:
+        row: Risers from the lowest.
+        planes: Planes by id.
+        reached: Ids of the planes that can be reached.
+        treads: Ids of those that are treads of flights.
+        walked: Ids of those that have been walked on.
+        p: Dimensions of stairs.
+    """
+    if row[-1].upper in reached or any(riser.upper in walked for riser in row) or _is_regular(row):
+        return True
+    if row[0].lower not in reached:
+        return False
+    return len(row) > 1 or row[0].lower in treads or _is_landing(planes[row[0].upper], row[0].down, p)
+
+
+def _is_regular(row: Sequence[Riser]) -> bool:
+    """Whether a row has several risers of like height, which furniture does not have; its foot may be occluded."""
+    heights = [riser.height for riser in row]
+    return len(row) >= _REGULAR_STEPS and max(heights) <= _REGULAR_RATIO * min(heights)
+
+
+def _is_landing(plane: Plane, down: Array, p: TerrainMapParameters) -> bool:
+    """Whether a plane is longer than a tread along and across the way; `down` (2,) is the direction of the way.
+
+    Its sides are those of a rectangle with the same scatter: a uniform distribution of length l has the variance
+    l² / 12.
+    """
+    along, across = down, np.array([-down[1], down[0]])
+    least_variance = p.max_tread_m**2 / 12.0
+    return all(float(side @ plane.spread @ side) >= least_variance for side in (along, across))
+
+
+def _level_with(reached: set[int], wanted: set[int], planes: dict[int, Plane], p: TerrainMapParameters) -> set[int]:
+    """Ids of planes among `wanted` and of ramps onto which reached ground continues without a riser.
+
+    Args:
+        reached: Ids of the planes that can be reached.
+        wanted: Ids of the planes that are asked for.
+        planes: Planes by id.
+        p: Smallest riser, and slope of a level.
+    """
+    ramps = {id_ for id_, plane in planes.items() if plane.slope > p.max_tread_slope_rad}
+    sources = [planes[id_] for id_ in reached if planes[id_].area_m2 >= _MIN_LINK_M2]
+    targets = [planes[id_] for id_ in (wanted | ramps) - reached]
+    joined = set[int]()
+    while True:
+        fresh = [target for target in targets if any(_continues_as(source, target, ramps, p) for source in sources)]
+        if not fresh:
+            return joined
+        joined |= {plane.id for plane in fresh}
+        targets = [plane for plane in targets if plane.id not in joined]
+        sources = [plane for plane in fresh if plane.area_m2 >= _MIN_LINK_M2]
+
+
+def _continues_as(one: Plane, other: Plane, ramps: set[int], p: TerrainMapParameters) -> bool:
+    """Whether the ground goes on from one plane to another without a riser.
+
+    Level ground goes on wherever it has the same height, however much of it is occluded in between. A ramp must meet
+    the other plane: their borders are near each other and equally high.
+
+    Args:
+        one: One plane.
+        other: The other plane.
+        ramps: Ids of the planes that slope.
+        p: Smallest riser.
+    """
+    (x, y, z), (u, v, w) = one.centre.tolist(), other.centre.tolist()
+    gx, gy = one.gradient.tolist()
+    if one.id not in ramps and other.id not in ramps:
+        return abs(z + gx * (u - x) + gy * (v - y) - w) < p.min_riser_m
+    a, b = point_toward(one.centre, one.spread, u, v, 0.0)
+    c, d = point_toward(other.centre, other.spread, x, y, 0.0)
+    gap = math.hypot(c - a, d - b)
+    hx, hy = other.gradient.tolist()
+    step = z + gx * (a - x) + gy * (b - y) - (w + hx * (c - u) + hy * (d - v))
+    return gap < _MAX_GAP_M and abs(step) < p.min_riser_m + 0.5 * gap * math.tan(max(one.slope, other.slope))

@@ -1,0 +1,183 @@
+"""Rises of furniture and planters are no stairs; those that lead on from walked ground are."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scenes import FLOOR, Box, approach, flight
+
+from stridetwin.estimators.terrain_map.estimate import Plane
+from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
+from stridetwin.estimators.terrain_map.plane_set import PlaneSet
+from stridetwin.estimators.terrain_map.risers import Riser
+from stridetwin.estimators.terrain_map.walkable import WalkedPlanes, select_walkable
+
+P = TerrainMapParameters()
+GROUND, WIDE_M = 0, 1.2
+
+
+def a_plane(id_, x, z, *, long=0.30, wide=WIDE_M, slope=0.0):
+    """A rectangle that begins at x and slopes up along it."""
+    gradient = math.tan(slope)
+    normal = np.array([-gradient, 0.0, 1.0])
+    return Plane(
+        id=id_,
+        centre=np.array([x + long / 2, 0.0, z + gradient * long / 2]),
+        normal=normal / np.linalg.norm(normal),
+        area_m2=long * wide,
+        spread=np.diag([long**2, wide**2]) / 12.0,
+        votes=9.0,
+        covariance=np.diag([1e-5, 1e-4, 1e-4]),
+    )
+
+
+def a_riser(lower, upper, *, wide=WIDE_M):
+    """The step from one plane up to another, where the upper one begins."""
+    x = upper.centre[0] - 0.5 * math.sqrt(12.0 * upper.spread[0, 0])
+    points = np.column_stack([np.full(25, x), np.linspace(-wide / 2, wide / 2, 25)])
+    height = float(upper.centre[2] - lower.height(np.array([x, 0.0])))
+    return Riser(
+        lower=lower.id, upper=upper.id, down=np.array([-1.0, 0.0]), points=points, in_voxels=True, height=height
+    )
+
+
+def some_steps(count, riser_m, *, base=0.0, first=1, last_long=1.0, wide=WIDE_M):
+    """The planes of the ground and of a flight on it, and the flight's risers."""
+    planes = [a_plane(GROUND, -4.0, 0.0, long=4.0, wide=3.0)]
+    planes += [
+        a_plane(first + k, 0.3 * k, base + riser_m * (k + 1), long=0.3 if k < count - 1 else last_long, wide=wide)
+        for k in range(count)
+    ]
+    row = [a_riser(one, other, wide=wide) for one, other in pairwise(planes)]
+    return {plane.id: plane for plane in planes}, row
+
+
+@pytest.mark.parametrize("count", [2, 3, 6])
+def test_a_flight_from_walked_ground_is_walkable(count):
+    planes, row = some_steps(count, 0.16, last_long=0.3)
+    assert select_walkable([row], planes, {GROUND}, P) == [row]
+
+
+@pytest.mark.parametrize(
+    ("long", "wide", "walkable"),
+    [
+        (1.0, 1.2, True),  # a kerb
+        (0.40, 0.60, False),  # a crate
+        (0.40, 1.50, False),  # the hedge of a planter
+        (0.05, 1.50, False),  # its rim
+        (1.5, 0.40, False),  # from its end
+    ],
+)
+def test_a_single_rise_leads_to_a_landing(long, wide, walkable):
+    planes, row = some_steps(1, 0.2, last_long=long, wide=wide)
+    assert bool(select_walkable([row], planes, {GROUND}, P)) == walkable
+
+
+def test_who_stands_on_a_tread_can_go_down():
+    planes, row = some_steps(1, 0.2, last_long=0.3)
+    assert select_walkable([row], planes, {row[0].upper}, P) == [row]
+
+
+def test_a_table_behind_a_chest_is_on_no_way():
+    """The rise between the two is that of a step, but that to the chest is too high for one."""
+    floor, chest, table = (
+        a_plane(0, -4.0, 0.0, long=4.0),
+        a_plane(1, 0.0, 0.45, long=0.5),
+        a_plane(2, 0.5, 0.72, long=0.9),
+    )
+    planes = {plane.id: plane for plane in (floor, chest, table)}
+    row = [a_riser(chest, table)]
+    assert select_walkable([row], planes, {GROUND}, P) == []
+    assert select_walkable([row], planes, {chest.id}, P) == [row]
+
+
+def test_steps_narrower_than_a_person_are_none():
+    planes, row = some_steps(3, 0.2, wide=0.45)
+    assert select_walkable([row], planes, {GROUND}, P) == []
+
+
+def test_a_rise_from_a_tread_goes_on():
+    """A winding flight whose chain of risers is interrupted: the next riser leads to a tread, not to a landing."""
+    planes, row = some_steps(4, 0.16, last_long=0.3)
+    assert select_walkable([row[:2], row[2:3], row[3:]], planes, {GROUND}, P) == [row[:2], row[2:3], row[3:]]
+    assert select_walkable([row[2:3], row[3:]], planes, {GROUND}, P) == []
+
+
+def test_like_risers_are_stairs_though_their_foot_is_hidden():
+    planes, row = some_steps(5, 0.16, last_long=0.3)
+    assert select_walkable([row[2:]], planes, {GROUND}, P) == [row[2:]]
+    planes, row = some_steps(5, 0.16, last_long=0.3)
+    uneven = [*row[2:4], a_riser(planes[4], a_plane(5, 1.2, 0.64 + 0.26))]
+    assert select_walkable([uneven], planes, {GROUND}, P) == []
+
+
+def test_stairs_behind_a_ramp_can_be_reached():
+    slope = math.radians(8.0)
+    top = 3.0 * math.tan(slope)
+    floor, ramp = a_plane(GROUND, -4.0, 0.0, long=4.0), a_plane(1, 0.0, 0.0, long=3.0, slope=slope)
+    level, kerb = a_plane(2, 3.1, top, long=0.8), a_plane(3, 3.9, top + 0.15, long=1.0)
+    row = [a_riser(level, kerb)]
+    assert select_walkable([row], {p.id: p for p in (floor, ramp, level, kerb)}, {GROUND}, P) == [row]
+    assert select_walkable([row], {p.id: p for p in (floor, level, kerb)}, {GROUND}, P) == []
+
+
+def test_stairs_on_floor_behind_something_that_hides_the_floor_can_be_reached():
+    floor, beyond, kerb = a_plane(GROUND, -4.0, 0.0, long=4.0), a_plane(1, 1.0, 0.02), a_plane(2, 1.3, 0.15, long=1.0)
+    row = [a_riser(beyond, kerb)]
+    assert select_walkable([row], {p.id: p for p in (floor, beyond, kerb)}, {GROUND}, P) == [row]
+
+
+def test_before_the_walker_moves_the_lowest_plane_nearby_is_the_ground():
+    walked = WalkedPlanes(np.eye(3), P)
+    floor, table = a_plane(5, 0.8, 0.0, long=4.0, wide=3.0), a_plane(6, 0.4, 0.72, long=0.7)
+    far, speck = a_plane(7, 3.0, -1.0, long=2.0), a_plane(8, 0.9, -0.5, long=0.05)
+    planes = {plane.id: plane for plane in (floor, table, far, speck)}
+    assert walked.update(planes, PlaneSet(P), np.array([0.0, 0.0, 1.65])) == {5}
+    assert walked.update({6: table}, PlaneSet(P), np.array([0.0, 0.0, 1.2])) == set()
+
+
+PLANTER = [Box(x=(-0.6, 0.9), y=(0.75, 1.2), z=(-1, 0.16)), Box(x=(-0.55, 0.85), y=(0.8, 1.15), z=(-1, 0.38))]
+CRATE_AND_CHAIR = [Box(x=(0.0, 0.4), y=(-1.1, -0.5), z=(-1, 0.2)), Box(x=(0.4, 0.85), y=(-1.0, -0.55), z=(0.41, 0.45))]
+CHEST_AND_TABLE = [Box(x=(0.0, 0.5), y=(-0.3, 0.5), z=(-1, 0.45)), Box(x=(0.5, 1.2), y=(-0.5, 0.7), z=(0.68, 0.72))]
+LOW_BENCH = [Box(x=(0.0, 0.35), y=(-0.7, 0.7), z=(0.25, 0.3))]
+SHELVES = [Box(x=(0.2 * k, 0.2 * k + 0.2), y=(-0.6, 0.6), z=(-1, 0.9 + 0.25 * k)) for k in range(3)]
+
+
+@pytest.mark.parametrize("things", [PLANTER, CRATE_AND_CHAIR, CHEST_AND_TABLE, LOW_BENCH, SHELVES])
+def test_what_stands_beside_the_way_is_no_flight(things):
+    for heading in (0.0, 0.5):
+        _, estimate = approach([FLOOR, *things], start=2.4, end=1.1, heading=heading, frames=8)
+        assert not estimate.stairs
+
+
+def a_furnished_room(seed):
+    """Boxes of random sizes, heights and places, upright, at least 0.4 m from the way along x."""
+    rng = np.random.default_rng(seed)
+    boxes = [FLOOR]
+    for _ in range(7):
+        long, wide, x = rng.uniform(0.3, 1.3), rng.uniform(0.3, 0.55), rng.uniform(-1.5, 2.0)
+        side, away = rng.choice([-1.0, 1.0]), rng.uniform(0.4, 1.2)
+        top = rng.choice([rng.uniform(0.08, 0.33), rng.uniform(0.35, 0.6), rng.uniform(0.68, 0.76)])
+        bottom = top - 0.04 if rng.uniform() < 0.3 else -1.0
+        y = (away, away + wide) if side > 0 else (-away - wide, -away)
+        boxes.append(Box(x=(x, x + long), y=y, z=(bottom, top)))
+    return boxes
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_furniture_is_no_flight(seed):
+    terrain_map, estimate = approach(a_furnished_room(seed), start=2.5, end=1.2, frames=5)
+    assert not estimate.stairs
+    _, estimate = approach(
+        a_furnished_room(seed), start=1.1, end=0.0, frames=5, terrain_map=terrain_map, first_ns=10**9
+    )
+    assert not estimate.stairs
+
+
+def test_a_flight_in_a_furnished_room_is_the_only_one():
+    steps = dict(riser=0.17, tread=0.29, steps=5, start=0.6)
+    _, estimate = approach([*flight(**steps), *PLANTER[:1]], start=2.0, end=0.6, frames=8)
+    (ours,) = estimate.stairs
+    assert ours.steps >= 3
+    assert ours.riser == pytest.approx(0.17, abs=0.008)
