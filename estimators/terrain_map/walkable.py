@@ -32,9 +32,10 @@ _MIN_WIDTH_M = 0.5
 """Shortest edge over which a person walks; building codes ask for stairs of 0.6 m and more."""
 _WIDE_EDGES = 2
 """Edges of a flight that must be so long: others may be occluded, by a leg or by the border of the image."""
-_REGULAR_STEPS, _REGULAR_RATIO = 3, 1.35
-"""So many risers, the highest at most so many times the lowest, are stairs wherever they begin: uneven ones have up to
-1.2, and errors of risers of 0.15 m add 0.1."""
+_FLIGHT_RISERS = 3
+"""So many rises are stairs wherever they lead, and fewer lead to a landing."""
+_LIKE_RATIO = 1.35
+"""Largest ratio of like risers: uneven stairs have up to 1.2, and errors of risers of 0.15 m add 0.1."""
 _MIN_LINK_M2 = 0.36
 """A plane of so much area extends to others of its height: the tilt of a smaller one is too uncertain."""
 _MAX_GAP_M = 1.0
@@ -95,8 +96,8 @@ def select_walkable(
 ) -> list[list[Riser]]:
     """The rows of risers that lead on from walked ground, directly or over ramps, levels and other such rows.
 
-    Two edges of a row, or the only one, are as long as a person is wide. A single rise leads to a landing, unless it
-    begins on a tread of another flight: on a smaller surface nobody walks on. The way down has no such condition, for
+    Two edges of a row, or the only one, are as long as a person is wide. One rise or two lead to a landing, unless they
+    begin on a tread of another flight: on a smaller surface nobody walks on. The way down has no such condition, for
     the edge of the walked ground hides most of what follows. A row of several like risers needs no ground below it: a
     leg or a bystander may occlude its foot.
 
@@ -149,13 +150,15 @@ def _leads_on(
         return True
     if row[0].lower not in reached:
         return False
-    return len(row) > 1 or row[0].lower in treads or _is_landing(planes[row[0].upper], row[0].down, p)
+    if len(row) >= _FLIGHT_RISERS or row[0].lower in treads:
+        return True
+    return _is_landing(planes[row[-1].upper], row[-1].down, p)
 
 
 def _is_regular(row: Sequence[Riser]) -> bool:
     """Whether a row has several risers of like height, which furniture does not have; its foot may be occluded."""
     heights = [riser.height for riser in row]
-    return len(row) >= _REGULAR_STEPS and max(heights) <= _REGULAR_RATIO * min(heights)
+    return len(row) >= _FLIGHT_RISERS and max(heights) <= _LIKE_RATIO * min(heights)
 
 
 def _is_landing(plane: Plane, down: Array, p: TerrainMapParameters) -> bool:

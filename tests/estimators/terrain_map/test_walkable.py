@@ -53,10 +53,15 @@ def some_steps(count, riser_m, *, base=0.0, first=1, last_long=1.0, wide=WIDE_M)
     return {plane.id: plane for plane in planes}, row
 
 
-@pytest.mark.parametrize("count", [2, 3, 6])
-def test_a_flight_from_walked_ground_is_walkable(count):
-    planes, row = some_steps(count, 0.16, last_long=0.3)
+@pytest.mark.parametrize(("count", "last_long"), [(2, 1.0), (3, 0.3), (6, 0.3)])
+def test_a_flight_from_walked_ground_is_walkable(count, last_long):
+    planes, row = some_steps(count, 0.16, last_long=last_long)
     assert select_walkable([row], planes, {GROUND}, P) == [row]
+
+
+def test_two_boxes_like_steps_lead_nowhere():
+    planes, row = some_steps(2, 0.12, last_long=0.35)
+    assert select_walkable([row], planes, {GROUND}, P) == []
 
 
 @pytest.mark.parametrize(
@@ -152,16 +157,18 @@ def test_what_stands_beside_the_way_is_no_flight(things):
 
 
 def a_furnished_room(seed):
-    """Boxes of random sizes, heights and places, upright, at least 0.4 m from the way along x."""
+    """Boxes of random sizes, heights and places at least 0.4 m beside the way along x; some touch each other."""
     rng = np.random.default_rng(seed)
     boxes = [FLOOR]
-    for _ in range(7):
-        long, wide, x = rng.uniform(0.3, 1.3), rng.uniform(0.3, 0.55), rng.uniform(-1.5, 2.0)
-        side, away = rng.choice([-1.0, 1.0]), rng.uniform(0.4, 1.2)
-        top = rng.choice([rng.uniform(0.08, 0.33), rng.uniform(0.35, 0.6), rng.uniform(0.68, 0.76)])
-        bottom = top - 0.04 if rng.uniform() < 0.3 else -1.0
-        y = (away, away + wide) if side > 0 else (-away - wide, -away)
-        boxes.append(Box(x=(x, x + long), y=y, z=(bottom, top)))
+    for side in (-1.0, 1.0):
+        x = -1.5
+        while x < 2.0:
+            long, wide, away = rng.uniform(0.3, 1.3), rng.uniform(0.3, 0.55), rng.uniform(0.4, 0.8)
+            top = rng.choice([rng.uniform(0.08, 0.33), rng.uniform(0.35, 0.6), rng.uniform(0.68, 0.76)])
+            bottom = top - 0.04 if rng.uniform() < 0.3 else -1.0
+            y = (away, away + wide) if side > 0 else (-away - wide, -away)
+            boxes.append(Box(x=(x, x + long), y=y, z=(bottom, top)))
+            x += long + rng.choice([0.0, rng.uniform(0.0, 0.6)])
     return boxes
 
 
@@ -175,9 +182,10 @@ def test_furniture_is_no_flight(seed):
     assert not estimate.stairs
 
 
-def test_a_flight_in_a_furnished_room_is_the_only_one():
+def test_a_flight_beside_furniture_is_the_only_one():
     steps = dict(riser=0.17, tread=0.29, steps=5, start=0.6)
-    _, estimate = approach([*flight(**steps), *PLANTER[:1]], start=2.0, end=0.6, frames=8)
-    (ours,) = estimate.stairs
+    beside = [Box(x=(-0.5, 0.3), y=(0.9, 1.4), z=(-1, 0.25)), Box(x=(-0.5, 0.2), y=(-1.4, -0.9), z=(-1, 0.45))]
+    _, estimate = approach([*flight(**steps), *beside], start=2.0, end=0.6, frames=8)
+    (ours,) = (found for found in estimate.stairs if found.steps > 1)
     assert ours.steps >= 3
     assert ours.riser == pytest.approx(0.17, abs=0.008)
