@@ -107,13 +107,23 @@ def select_walkable(
         walked: Ids of planes that have been walked on.
         p: Dimensions of stairs.
     """
-    reached, treads = set(walked), set[int]()
     waiting = [row for row in rows if _is_wide(row)]
-    selected: set[int] = set()  # `id()` of the rows
+    above: dict[int, list[list[Riser]]] = {}  # by id of a plane: the rows that lead up from it
+    for row in waiting:
+        above.setdefault(row[0].lower, []).append(row)
+    climbable = {id(row) for row in waiting if _leads_far(row, above, planes, p)}  # `id()` of the rows
+    reached, treads, selected = set(walked), set[int](), set[int]()
     while True:
         ends = {id_ for row in waiting for id_ in (row[0].lower, row[-1].upper)}
         reached |= _level_with(reached, ends - reached, planes, p)
-        reachable = [row for row in waiting if _leads_on(row, planes, reached, treads, walked, p)]
+        reachable = [
+            row
+            for row in waiting
+            if row[-1].upper in reached  # the way down
+            or any(riser.upper in walked for riser in row)
+            or (row[0].lower in reached and (id(row) in climbable or row[0].lower in treads))
+            or _is_regular(row)
+        ]
         if not reachable:
             return [row for row in rows if id(row) in selected]
         selected |= {id(row) for row in reachable}
@@ -128,31 +138,26 @@ def _is_wide(row: Sequence[Riser]) -> bool:
     return sum(riser.length >= _MIN_WIDTH_M for riser in row) >= min(_WIDE_EDGES, len(row))
 
 
-def _leads_on(
+def _leads_far(
     row: Sequence[Riser],
+    above: dict[int, list[list[Riser]]],
     planes: dict[int, Plane],
-    reached: set[int],
-    treads: set[int],
-    walked: set[int],
     p: TerrainMapParameters,
+    rises: int = 0,
 ) -> bool:
-    """Whether a row of risers leads up or down from ground that can be reached, see `select_walkable`.
+    """Whether a row leads up to a landing, or by as many rises as a flight has, alone or with the rows that follow it.
 
     Args:
         row: Risers from the lowest.
+        above: By id of a plane: the rows that lead up from it.
         planes: Planes by id.
-        reached: Ids of the planes that can be reached.
-        treads: Ids of those that are treads of flights.
-        walked: Ids of those that have been walked on.
         p: Dimensions of stairs.
+        rises: Number of rises below this row.
     """
-    if row[-1].upper in reached or any(riser.upper in walked for riser in row) or _is_regular(row):
+    rises, top = rises + len(row), row[-1]
+    if rises >= _FLIGHT_RISERS or _is_landing(planes[top.upper], top.down, p):
         return True
-    if row[0].lower not in reached:
-        return False
-    if len(row) >= _FLIGHT_RISERS or row[0].lower in treads:
-        return True
-    return _is_landing(planes[row[-1].upper], row[-1].down, p)
+    return any(_leads_far(upper_row, above, planes, p, rises) for upper_row in above.get(top.upper, []))
 
 
 def _is_regular(row: Sequence[Riser]) -> bool:
