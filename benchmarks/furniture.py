@@ -26,6 +26,7 @@ from stridetwin.outputs.pose_feed import merge_poses
 from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import Gait, Gaze, Level, Route, Segment, Thing, Turn, TwinConfig
+from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.twin import Twin
 from stridetwin.sim.world import obstacles
 from stridetwin.sim.world.route import lay_out
@@ -36,16 +37,18 @@ from stridetwin.streams.trajectory import Trajectory
 
 SENSORS = ("insole", "head_imu", "head_camera")
 KINDS = ("room", "outdoor", "things")
+_RATE_HZ = 10.0  # of the camera: a third of its usual one, for speed
 _TRIES = 40
 
 
 def draw_walk(kind: str, seed: int) -> TwinConfig:
     """A short walk on level ground, drawn from a seed: length, turn, width, speed, gaze, camera, and things beside."""
     rng = np.random.default_rng([seed, KINDS.index(kind)])
-    segments: tuple[Segment, ...] = (Level(length_m=rng.uniform(3.0, 4.5)),)
+    segments: tuple[Segment, ...] = (Level(length_m=3.0),)
     if rng.uniform() < 0.4:
-        turn = Turn(angle_rad=float(rng.choice([-1.0, 1.0]) * rng.uniform(0.5, 1.6)), radius_m=float(rng.uniform(0, 2)))
-        segments = (Level(length_m=rng.uniform(1.5, 2.5)), turn, Level(length_m=rng.uniform(1.5, 2.5)))
+        angle_rad, radius_m = rng.choice([-1.0, 1.0]) * rng.uniform(0.5, 1.6), rng.choice([0.0, rng.uniform(1.0, 2.0)])
+        turn = Turn(angle_rad=float(angle_rad), radius_m=float(radius_m))
+        segments = (Level(length_m=rng.uniform(1.5, 2.0)), turn, Level(length_m=1.5))
     scenery = "outdoor" if kind == "outdoor" else "room"
     route = Route(segments=segments, width_m=float(rng.uniform(0.9, 2.4)), scenery=scenery)
     gaze = Gaze(kind=str(rng.choice(["ahead", "terrain", "wandering"])))
@@ -57,6 +60,7 @@ def draw_walk(kind: str, seed: int) -> TwinConfig:
         route=route,
         gait=Gait(speed_mps=float(rng.uniform(0.7, 1.4)), stand_s=0.5, gaze=gaze),
         rig_mount=str(rng.choice(["head", "head", "chest"])),
+        fittings={"head_camera": SensorConfig(rate_hz=_RATE_HZ)},
     )
     return _add_things(config, rng) if kind == "things" else config
 
