@@ -32,8 +32,10 @@ _MIN_WIDTH_M = 0.5
 """Shortest edge over which a person walks; building codes ask for stairs of 0.6 m and more."""
 _WIDE_EDGES = 2
 """Edges of a flight that must be so long: others may be occluded, by a leg or by the border of the image."""
+_BROAD_M = 0.8
+"""Shortest of two edges that are stairs though no landing is seen beyond them: furniture is narrower."""
 _FLIGHT_RISERS = 3
-"""So many rises are stairs wherever they lead, and fewer lead to a landing."""
+"""So many rises are stairs wherever they lead, and fewer lead to a landing or are broad."""
 _LIKE_RATIO = 1.35
 """Largest ratio of like risers: uneven stairs have up to 1.2, and errors of risers of 0.15 m add 0.1."""
 _MIN_LINK_M2 = 0.36
@@ -96,10 +98,10 @@ def select_walkable(
 ) -> list[list[Riser]]:
     """The rows of risers that lead on from walked ground, directly or over ramps, levels and other such rows.
 
-    Two edges of a row, or the only one, are as long as a person is wide. One rise or two lead to a landing, unless they
-    begin on a tread of another flight: on a smaller surface nobody walks on. The way down has no such condition, for
-    the edge of the walked ground hides most of what follows. A row of several like risers needs no ground below it: a
-    leg or a bystander may occlude its foot.
+    Two edges of a row, or the only one, are as long as a person is wide. One rise or two lead to a landing, or the two
+    are as broad as stairs: on a smaller surface nobody walks on. The way down has no such condition, for the edge of
+    the walked ground hides most of what follows. A row of several like risers needs no ground below it: a leg or a
+    bystander may occlude its foot. A row that shares a tread with another one is a part of its flight, however short.
 
     Args:
         rows: Rows of risers from the lowest, see `find_flights`.
@@ -107,35 +109,47 @@ def select_walkable(
         walked: Ids of planes that have been walked on.
         p: Dimensions of stairs.
     """
-    waiting = [row for row in rows if _is_wide(row)]
     above: dict[int, list[list[Riser]]] = {}  # by id of a plane: the rows that lead up from it
-    for row in waiting:
+    for row in rows:
         above.setdefault(row[0].lower, []).append(row)
-    climbable = {id(row) for row in waiting if _leads_far(row, above, planes, p)}  # `id()` of the rows
-    reached, treads, selected = set(walked), set[int](), set[int]()
+    # `id()` of the rows as wide as a person, and of those that one can go up; of those that are selected so far
+    wide = {id(row) for row in rows if _count_edges(row, _MIN_WIDTH_M) >= min(_WIDE_EDGES, len(row))}
+    climbable = {id(row) for row in rows if _is_broad(row) or _leads_far(row, above, planes, p)}
+    selected = set[int]()
+    reached, treads, waiting = set(walked), set[int](), list(rows)
     while True:
         ends = {id_ for row in waiting for id_ in (row[0].lower, row[-1].upper)}
         reached |= _level_with(reached, ends - reached, planes, p)
-        reachable = [
-            row
-            for row in waiting
-            if row[-1].upper in reached  # the way down
-            or any(riser.upper in walked for riser in row)
-            or (row[0].lower in reached and (id(row) in climbable or row[0].lower in treads))
-            or _is_regular(row)
-        ]
-        if not reachable:
+        fresh = []
+        for row in waiting:
+            lowest, *uppers = _planes_of(row)
+            leads_down = uppers[-1] in reached or not walked.isdisjoint(uppers)
+            leads_up = lowest in reached and id(row) in climbable
+            leads_on = id(row) in wide and (leads_down or leads_up or _is_regular(row))
+            if leads_on or not treads.isdisjoint([lowest, *uppers]):
+                fresh.append(row)
+        if not fresh:
             return [row for row in rows if id(row) in selected]
-        selected |= {id(row) for row in reachable}
+        selected |= {id(row) for row in fresh}
         waiting = [row for row in waiting if id(row) not in selected]
-        for row in reachable:
-            reached |= {row[0].lower, *(riser.upper for riser in row)}
+        for row in fresh:
+            reached.update(_planes_of(row))
             treads |= {riser.upper for riser in row if not _is_landing(planes[riser.upper], riser.down, p)}
 
 
-def _is_wide(row: Sequence[Riser]) -> bool:
-    """Whether enough edges of a row are as long as a person is wide."""
-    return sum(riser.length >= _MIN_WIDTH_M for riser in row) >= min(_WIDE_EDGES, len(row))
+def _planes_of(row: Sequence[Riser]) -> list[int]:
+    """Ids of the planes of a row of risers, from the lowest."""
+    return [row[0].lower, *(riser.upper for riser in row)]
+
+
+def _count_edges(row: Sequence[Riser], least_m: float) -> int:
+    """Number of edges of a row that are at least so long."""
+    return sum(riser.length >= least_m for riser in row)
+
+
+def _is_broad(row: Sequence[Riser]) -> bool:
+    """Whether a row has two or more like risers as broad as those of stairs."""
+    return _count_edges(row, _BROAD_M) >= _WIDE_EDGES and _are_like(row)
 
 
 def _leads_far(
@@ -162,8 +176,13 @@ def _leads_far(
 
 def _is_regular(row: Sequence[Riser]) -> bool:
     """Whether a row has several risers of like height, which furniture does not have; its foot may be occluded."""
+    return len(row) >= _FLIGHT_RISERS and _are_like(row)
+
+
+def _are_like(row: Sequence[Riser]) -> bool:
+    """Whether the risers of a row are of like height."""
     heights = [riser.height for riser in row]
-    return len(row) >= _FLIGHT_RISERS and max(heights) <= _LIKE_RATIO * min(heights)
+    return max(heights) <= _LIKE_RATIO * min(heights)
 
 
 def _is_landing(plane: Plane, down: Array, p: TerrainMapParameters) -> bool:

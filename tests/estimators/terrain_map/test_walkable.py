@@ -1,6 +1,7 @@
 """Rises of furniture and planters are no stairs; those that lead on from walked ground are."""
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -59,9 +60,19 @@ def test_a_flight_from_walked_ground_is_walkable(count, last_long):
     assert select_walkable([row], planes, {GROUND}, P) == [row]
 
 
-def test_two_boxes_like_steps_lead_nowhere():
-    planes, row = some_steps(2, 0.12, last_long=0.35)
-    assert select_walkable([row], planes, {GROUND}, P) == []
+@pytest.mark.parametrize(("wide", "second_m", "walkable"), [(0.7, 0.24, False), (1.2, 0.36, False), (1.2, 0.24, True)])
+def test_two_rises_that_lead_nowhere_are_broad_and_alike(wide, second_m, walkable):
+    """The first two treads that come into view, and boxes that touch each other."""
+    planes, row = some_steps(2, 0.12, last_long=0.30, wide=wide)
+    row[1] = replace(row[1], height=second_m - 0.12)
+    assert bool(select_walkable([row], planes, {GROUND}, P)) == walkable
+
+
+def test_a_narrow_part_of_a_tread_belongs_to_its_flight():
+    planes, row = some_steps(4, 0.16, last_long=0.3)
+    part = replace(row[3], points=row[3].points[:9])
+    assert select_walkable([row[:3], [part]], planes, {GROUND}, P) == [row[:3], [part]]
+    assert select_walkable([[part]], planes, {GROUND}, P) == []
 
 
 @pytest.mark.parametrize(
