@@ -149,12 +149,15 @@ class TerrainEstimate:
         planes: Planes by id.
         terrains: Levels, ramps and stairs.
         p_camera_in_world: (3,) m, position of the camera.
+        rises: Rows of rises that nobody can walk, such as those of planters and crates, and stairs of which too little
+            is in view; their edges are measured like those of stairs.
     """
 
     t_ns: int
     planes: dict[int, Plane]
     terrains: tuple[Terrain, ...]
     p_camera_in_world: Array
+    rises: tuple[Stairs, ...] = ()
 
     @property
     def stairs(self) -> tuple[Stairs, ...]:

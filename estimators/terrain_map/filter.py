@@ -207,11 +207,9 @@ class TerrainMap:
         self._extracted_ns = t_ns
         self._planes.update(self._volume.top_view())
         planes = self._planes.planes(self._R_world_grid)
+        terrains, rises = self._terrains.find(planes, self._planes, self._volume.refine_riser, p_camera_in_world)
         self._estimate = TerrainEstimate(
-            t_ns=t_ns,
-            planes=planes,
-            p_camera_in_world=p_camera_in_world,
-            terrains=self._terrains.find(planes, self._planes, self._volume.refine_riser, p_camera_in_world),
+            t_ns=t_ns, planes=planes, terrains=terrains, rises=rises, p_camera_in_world=p_camera_in_world
         )
 
     def clear(self) -> None:

@@ -315,7 +315,7 @@ def _edge_or_slope_break(
     if abs(drop) < KERB_M:
         return None
     # An edge: its position and standard deviation, `known`, from a flight that has it, or that it continues.
-    for flight in estimate.stairs:
+    for flight in (*estimate.stairs, *estimate.rises):
         known = _locate_edge_in_flight(flight, one.id, other.id, origin, forward, p.edge_sd_m)
         if known is None:
             known = _locate_edge_next_to_flight(flight, one.id, other.id, drop, origin, forward)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -37,17 +37,10 @@ def heading_of(edges: Sequence[Riser]) -> Array:
     return np.asarray(total / math.hypot(*total.tolist()))
 
 
-def find_flights(
-    risers: list[Riser], p: TerrainMapParameters, select: Callable[[list[list[Riser]]], list[list[Riser]]] = list
-) -> list[list[Riser]]:
+def find_flights(risers: list[Riser], p: TerrainMapParameters) -> list[list[Riser]]:
     """Rows of parallel risers a tread apart, lowest first: the upper plane of one is the lower plane of the next.
 
     The risers of a flight that winds are rows of their own, each with its own direction.
-
-    Args:
-        risers: All risers.
-        p: Dimensions of stairs.
-        select: From all rows, a winding flight still in one, to those that are flights, such as `select_walkable`.
     """
     above: dict[int, list[Riser]] = {}  # by id of a plane: the risers that lead up from it
     for riser in risers:
@@ -69,11 +62,8 @@ def find_flights(
         row = [riser]
         while id(row[-1]) in following:
             row.append(following[id(row[-1])])
-        rows.append(row)
-    flights = []
-    for row in select(rows):
-        flights += [[one] for one in row] if _is_winding(row) else [row]  # each riser of a winding row by itself
-    return flights
+        rows += [[one] for one in row] if _is_winding(row) else [row]  # each riser of a winding row by itself
+    return rows
 
 
 def _is_winding(row: list[Riser]) -> bool:

@@ -92,7 +92,7 @@ class Terrains:
 
     def find(
         self, planes: dict[int, Plane], plane_set: PlaneSet, refine: RefineRiser, p_camera_in_world: Array
-    ) -> tuple[Terrain, ...]:
+    ) -> tuple[tuple[Terrain, ...], tuple[Stairs, ...]]:
         """Finds levels, ramps and stairs among the planes.
 
         Args:
@@ -102,20 +102,17 @@ class Terrains:
             p_camera_in_world: (3,) m, under which the walker is.
 
         Returns:
-            The flights, then levels and ramps. A tread within a flight is no level, and a plane that is too steep or
-            too small for a ramp is nothing.
+            The flights, then levels and ramps; and rises that nobody can walk, such as those of furniture. A tread
+            within a flight is no level, and a plane that is too steep or too small for a ramp is nothing.
         """
         p = self._p
-        terrains: list[Terrain] = []
-        treads: set[int] = set()
-        # rows of risers, one per flight; a row of unchanged risers keeps its flight
         walked = self._walked.update(planes, plane_set, p_camera_in_world)
-        risers = self._find_risers(planes, plane_set)
-        rows = [tuple(row) for row in find_flights(risers, p, lambda rows: select_walkable(rows, planes, walked, p))]
+        # rows of risers, one per flight; a row of unchanged risers keeps its flight
+        rows = [tuple(row) for row in find_flights(self._find_risers(planes, plane_set), p)]
         self._stairs = {row: self._stairs.get(row) or self._fit_flight(row, planes, refine) for row in rows}
-        for flight in self._stairs.values():
-            terrains.append(flight)
-            treads.update(flight.planes[1:-1])  # without the ground before the flight and the landing
+        walkable = select_walkable(rows, planes, walked, p)
+        terrains: list[Terrain] = [self._stairs[row] for row in walkable]
+        treads = {riser.upper for row in walkable for riser in row[:-1]}  # without the landing
         for plane in planes.values():
             if plane.id in treads:
                 continue
@@ -126,7 +123,8 @@ class Terrains:
                 heading = math.atan2(gradient_y, gradient_x)
                 ramp = Ramp(id=plane.id, plane=plane.id, slope=plane.slope, slope_sd=plane.slope_sd, heading=heading)
                 terrains.append(ramp)
-        return tuple(terrains)
+        selected = {id(row) for row in walkable}
+        return tuple(terrains), tuple(self._stairs[row] for row in rows if id(row) not in selected)
 
     def _fit_flight(self, row: Sequence[Riser], planes: dict[int, Plane], refine: RefineRiser) -> Stairs:
         """The flight of a row of risers, after their edges are measured in the volume by `refine`.

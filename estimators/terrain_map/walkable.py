@@ -43,6 +43,9 @@ _MIN_LINK_M2 = 0.36
 _MAX_GAP_M = 1.0
 """Longest unobserved ground between a ramp and the level that it meets."""
 
+Row = tuple[Riser, ...]
+"""Risers of one flight from the lowest, see `find_flights`."""
+
 
 class WalkedPlanes:
     """The planes that the walker has under the feet, or had.
@@ -94,8 +97,8 @@ def _lowest_nearby(planes: Iterable[Plane], p_camera_in_world: Array) -> set[int
 
 
 def select_walkable(
-    rows: Sequence[list[Riser]], planes: dict[int, Plane], walked: set[int], p: TerrainMapParameters
-) -> list[list[Riser]]:
+    rows: Sequence[Row], planes: dict[int, Plane], walked: set[int], p: TerrainMapParameters
+) -> list[Row]:
     """The rows of risers that lead on from walked ground, directly or over ramps, levels and other such rows.
 
     Two edges of a row, or the only one, are as long as a person is wide. One rise or two lead to a landing, or the two
@@ -109,55 +112,58 @@ def select_walkable(
         walked: Ids of planes that have been walked on.
         p: Dimensions of stairs.
     """
-    above: dict[int, list[list[Riser]]] = {}  # by id of a plane: the rows that lead up from it
+    above: dict[int, list[Row]] = {}  # by id of a plane: the rows that lead up from it
     for row in rows:
         above.setdefault(row[0].lower, []).append(row)
-    # `id()` of the rows as wide as a person, and of those that one can go up; of those that are selected so far
+    # `id()` of the rows that are as wide as a person; of these, the rows that one can go up from the ground
     wide = {id(row) for row in rows if _count_edges(row, _MIN_WIDTH_M) >= min(_WIDE_EDGES, len(row))}
-    climbable = {id(row) for row in rows if _is_broad(row) or _leads_far(row, above, planes, p)}
-    selected = set[int]()
-    reached, treads, waiting = set(walked), set[int](), list(rows)
-    while True:
-        ends = {id_ for row in waiting for id_ in (row[0].lower, row[-1].upper)}
+    climbable = {id(row) for row in rows if id(row) in wide and (_is_broad(row) or _leads_far(row, above, planes, p))}
+    reached, treads, selected = set(walked), set[int](), set[int]()
+    waiting = list(rows)
+    while waiting:
+        ends = {id_ for row in waiting if id(row) in wide for id_ in (row[0].lower, row[-1].upper)}
         reached |= _level_with(reached, ends - reached, planes, p)
         fresh = []
         for row in waiting:
-            lowest, *uppers = _planes_of(row)
+            uppers = [riser.upper for riser in row]
             leads_down = uppers[-1] in reached or not walked.isdisjoint(uppers)
-            leads_up = lowest in reached and id(row) in climbable
+            leads_up = row[0].lower in reached and id(row) in climbable
             leads_on = id(row) in wide and (leads_down or leads_up or _is_regular(row))
-            if leads_on or not treads.isdisjoint([lowest, *uppers]):
+            if leads_on or row[0].lower in treads or not treads.isdisjoint(uppers):
                 fresh.append(row)
         if not fresh:
-            return [row for row in rows if id(row) in selected]
-        selected |= {id(row) for row in fresh}
-        waiting = [row for row in waiting if id(row) not in selected]
+            break
         for row in fresh:
-            reached.update(_planes_of(row))
+            selected.add(id(row))
+            reached |= {row[0].lower, *(riser.upper for riser in row)}
             treads |= {riser.upper for riser in row if not _is_landing(planes[riser.upper], riser.down, p)}
+        waiting = [row for row in waiting if id(row) not in selected]
+    return [row for row in rows if id(row) in selected]
 
 
-def _planes_of(row: Sequence[Riser]) -> list[int]:
-    """Ids of the planes of a row of risers, from the lowest."""
-    return [row[0].lower, *(riser.upper for riser in row)]
-
-
-def _count_edges(row: Sequence[Riser], least_m: float) -> int:
+def _count_edges(row: Row, least_m: float) -> int:
     """Number of edges of a row that are at least so long."""
     return sum(riser.length >= least_m for riser in row)
 
 
-def _is_broad(row: Sequence[Riser]) -> bool:
+def _is_broad(row: Row) -> bool:
     """Whether a row has two or more like risers as broad as those of stairs."""
     return _count_edges(row, _BROAD_M) >= _WIDE_EDGES and _are_like(row)
 
 
+def _is_regular(row: Row) -> bool:
+    """Whether a row has several risers of like height, which furniture does not have; its foot may be occluded."""
+    return len(row) >= _FLIGHT_RISERS and _are_like(row)
+
+
+def _are_like(row: Row) -> bool:
+    """Whether the risers of a row are of like height."""
+    heights = [riser.height for riser in row]
+    return max(heights) <= _LIKE_RATIO * min(heights)
+
+
 def _leads_far(
-    row: Sequence[Riser],
-    above: dict[int, list[list[Riser]]],
-    planes: dict[int, Plane],
-    p: TerrainMapParameters,
-    rises: int = 0,
+    row: Row, above: dict[int, list[Row]], planes: dict[int, Plane], p: TerrainMapParameters, rises: int = 0
 ) -> bool:
     """Whether a row leads up to a landing, or by as many rises as a flight has, alone or with the rows that follow it.
 
@@ -174,26 +180,16 @@ def _leads_far(
     return any(_leads_far(upper_row, above, planes, p, rises) for upper_row in above.get(top.upper, []))
 
 
-def _is_regular(row: Sequence[Riser]) -> bool:
-    """Whether a row has several risers of like height, which furniture does not have; its foot may be occluded."""
-    return len(row) >= _FLIGHT_RISERS and _are_like(row)
-
-
-def _are_like(row: Sequence[Riser]) -> bool:
-    """Whether the risers of a row are of like height."""
-    heights = [riser.height for riser in row]
-    return max(heights) <= _LIKE_RATIO * min(heights)
-
-
 def _is_landing(plane: Plane, down: Array, p: TerrainMapParameters) -> bool:
     """Whether a plane is longer than a tread along and across the way; `down` (2,) is the direction of the way.
 
     Its sides are those of a rectangle with the same scatter: a uniform distribution of length l has the variance
     l² / 12.
     """
-    along, across = down, np.array([-down[1], down[0]])
-    least_variance = p.max_tread_m**2 / 12.0
-    return all(float(side @ plane.spread @ side) >= least_variance for side in (along, across))
+    (xx, xy), (_, yy) = plane.spread.tolist()
+    u, v = down.tolist()
+    along, across = u * u * xx + 2.0 * u * v * xy + v * v * yy, v * v * xx - 2.0 * u * v * xy + u * u * yy
+    return min(along, across) >= p.max_tread_m**2 / 12.0
 
 
 def _level_with(reached: set[int], wanted: set[int], planes: dict[int, Plane], p: TerrainMapParameters) -> set[int]:
@@ -205,17 +201,18 @@ def _level_with(reached: set[int], wanted: set[int], planes: dict[int, Plane], p
         planes: Planes by id.
         p: Smallest riser, and slope of a level.
     """
+    joined = set[int]()
+    if not wanted:
+        return joined
     ramps = {id_ for id_, plane in planes.items() if plane.slope > p.max_tread_slope_rad}
     sources = [planes[id_] for id_ in reached if planes[id_].area_m2 >= _MIN_LINK_M2]
     targets = [planes[id_] for id_ in (wanted | ramps) - reached]
-    joined = set[int]()
-    while True:
+    while sources and targets:
         fresh = [target for target in targets if any(_continues_as(source, target, ramps, p) for source in sources)]
-        if not fresh:
-            return joined
         joined |= {plane.id for plane in fresh}
         targets = [plane for plane in targets if plane.id not in joined]
         sources = [plane for plane in fresh if plane.area_m2 >= _MIN_LINK_M2]
+    return joined
 
 
 def _continues_as(one: Plane, other: Plane, ramps: set[int], p: TerrainMapParameters) -> bool:
