@@ -118,11 +118,11 @@ def select_walkable(
     # `id()` of the rows that are as wide as a person; of these, the rows that one can go up from the ground
     wide = {id(row) for row in rows if _count_edges(row, _MIN_WIDTH_M) >= min(_WIDE_EDGES, len(row))}
     climbable = {id(row) for row in rows if id(row) in wide and (_is_broad(row) or _leads_far(row, above, planes, p))}
+    ends = {id_ for row in rows if id(row) in wide for id_ in (row[0].lower, row[-1].upper)}
     reached, treads, selected = set(walked), set[int](), set[int]()
-    waiting = list(rows)
+    waiting, ground = list(rows), set(walked)  # `ground`: of what is reached, where other ground may go on
     while waiting:
-        ends = {id_ for row in waiting if id(row) in wide for id_ in (row[0].lower, row[-1].upper)}
-        reached |= _level_with(reached, ends - reached, planes, p)
+        reached |= _level_with(ground, ends - reached, planes, p)
         fresh = []
         for row in waiting:
             uppers = [riser.upper for riser in row]
@@ -133,10 +133,13 @@ def select_walkable(
                 fresh.append(row)
         if not fresh:
             break
+        ground = set()
         for row in fresh:
             selected.add(id(row))
-            reached |= {row[0].lower, *(riser.upper for riser in row)}
+            passed = {row[0].lower, *(riser.upper for riser in row)}
             treads |= {riser.upper for riser in row if not _is_landing(planes[riser.upper], riser.down, p)}
+            ground |= passed - reached - treads
+            reached |= passed
         waiting = [row for row in waiting if id(row) not in selected]
     return [row for row in rows if id(row) in selected]
 
@@ -192,48 +195,47 @@ def _is_landing(plane: Plane, down: Array, p: TerrainMapParameters) -> bool:
     return min(along, across) >= p.max_tread_m**2 / 12.0
 
 
-def _level_with(reached: set[int], wanted: set[int], planes: dict[int, Plane], p: TerrainMapParameters) -> set[int]:
-    """Ids of planes among `wanted` and of ramps onto which reached ground continues without a riser.
+def _level_with(ground: set[int], wanted: set[int], planes: dict[int, Plane], p: TerrainMapParameters) -> set[int]:
+    """Ids of planes among `wanted`, and of ramps, onto which the ground goes on without a riser.
+
+    Level ground goes on wherever it has the same height, however much of it is occluded in between. A ramp must meet
+    the other plane, see `_meets`.
 
     Args:
-        reached: Ids of the planes that can be reached.
+        ground: Ids of planes that can be reached.
         wanted: Ids of the planes that are asked for.
         planes: Planes by id.
         p: Smallest riser, and slope of a level.
     """
     joined = set[int]()
-    if not wanted:
-        return joined
-    ramps = {id_ for id_, plane in planes.items() if plane.slope > p.max_tread_slope_rad}
-    sources = [planes[id_] for id_ in reached if planes[id_].area_m2 >= _MIN_LINK_M2]
-    targets = [planes[id_] for id_ in (wanted | ramps) - reached]
+    large = {id_: plane for id_, plane in planes.items() if plane.area_m2 >= _MIN_LINK_M2}
+    ramps = {id_ for id_, plane in large.items() if plane.slope > p.max_tread_slope_rad}
+    sources = [large[id_] for id_ in ground if id_ in large]
+    targets = [planes[id_] for id_ in (wanted | ramps) - ground]
     while sources and targets:
-        fresh = [target for target in targets if any(_continues_as(source, target, ramps, p) for source in sources)]
+        # centre (x, y, z), m, and slopes (gx, gy) of each level source
+        levels = [(*plane.centre.tolist(), *plane.gradient.tolist()) for plane in sources if plane.id not in ramps]
+        fresh = []
+        for target in targets:
+            if target.id not in ramps:
+                u, v, w = target.centre.tolist()
+                goes_on = any(abs(z + gx * (u - x) + gy * (v - y) - w) < p.min_riser_m for x, y, z, gx, gy in levels)
+                slopes = [plane for plane in sources if plane.id in ramps] if ramps else []
+            else:
+                goes_on, slopes = False, sources
+            if goes_on or any(_meets(plane, target, p) for plane in slopes):
+                fresh.append(target)
         joined |= {plane.id for plane in fresh}
         targets = [plane for plane in targets if plane.id not in joined]
-        sources = [plane for plane in fresh if plane.area_m2 >= _MIN_LINK_M2]
+        sources = [plane for plane in fresh if plane.id in large]
     return joined
 
 
-def _continues_as(one: Plane, other: Plane, ramps: set[int], p: TerrainMapParameters) -> bool:
-    """Whether the ground goes on from one plane to another without a riser.
-
-    Level ground goes on wherever it has the same height, however much of it is occluded in between. A ramp must meet
-    the other plane: their borders are near each other and equally high.
-
-    Args:
-        one: One plane.
-        other: The other plane.
-        ramps: Ids of the planes that slope.
-        p: Smallest riser.
-    """
-    (x, y, z), (u, v, w) = one.centre.tolist(), other.centre.tolist()
-    gx, gy = one.gradient.tolist()
-    if one.id not in ramps and other.id not in ramps:
-        return abs(z + gx * (u - x) + gy * (v - y) - w) < p.min_riser_m
+def _meets(one: Plane, other: Plane, p: TerrainMapParameters) -> bool:
+    """Whether two planes, one of them a ramp, meet: their borders are near each other and equally high."""
+    (x, y), (u, v) = one.centre[:2].tolist(), other.centre[:2].tolist()
     a, b = point_toward(one.centre, one.spread, u, v, 0.0)
     c, d = point_toward(other.centre, other.spread, x, y, 0.0)
     gap = math.hypot(c - a, d - b)
-    hx, hy = other.gradient.tolist()
-    step = z + gx * (a - x) + gy * (b - y) - (w + hx * (c - u) + hy * (d - v))
+    step = float(one.height(np.array([a, b])) - other.height(np.array([c, d])))
     return gap < _MAX_GAP_M and abs(step) < p.min_riser_m + 0.5 * gap * math.tan(max(one.slope, other.slope))
