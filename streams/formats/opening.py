@@ -548,7 +548,10 @@ def _read_better_rig(path: Path, source: Source, options: ImportOptions, streams
         try:
             # it describes the source: its topics are the source's, even if others were given
             better, _ = match_rig(
-                read_rig(beside, warn=notes.warn, needs_rates=False), source.rig, streams, as_read=False
+                read_rig(beside, warn=notes.warn, sizes=_list_image_sizes(source.images), needs_rates=False),
+                source.rig,
+                streams,
+                as_read=False,
             )
         except StrideTwinError as error:
             notes.add_error(error)
