@@ -80,9 +80,7 @@ def _convert_matrix(keys: Keys, names: dict[str, str], result: Converted, sizes:
         whole = (int(size[0]), int(size[1]))
         part, (width, height) = bin_and_crop(intrinsics, whole, (crop[0], crop[1]), (crop[2], crop[3]), binning)
         if (width, height) != whole:
-            result.notes.append(
-                f"binning and region of interest are used: images of {width} x {height}"
-            )
+            result.notes.append(f"binning and region of interest are used: images of {width} x {height}")
         intrinsics, size = part, [float(width), float(height)]
     else:
         keys.drop(*(names[name] for name in ("roi", "binningx", "binningy") if name in names))
