@@ -39,7 +39,7 @@ from stridetwin.streams.kalibr_sections import (
     ImuSection,
     make_document_model,
 )
-from stridetwin.streams.lenses import COEFFICIENTS, Lens, to_rig_lens
+from stridetwin.streams.lenses import COEFFICIENTS, EXACT_FIT_PX, WORST_FIT_PX, Lens, to_rig_lens
 from stridetwin.streams.opencv_xml import is_opencv_xml, parse_opencv_xml
 from stridetwin.streams.realsense_calibration import (
     convert_realsense_json,
@@ -70,10 +70,6 @@ _YAML_SUFFIXES = (".yaml", ".yml", ".json")
 _MOST_KEYS = 10
 """Most keys of a file that an error lists."""
 _DOCUMENT_END = re.compile(r"^---[ \t]*(?:#.*)?$|^\.\.\.[ \t]*$", re.MULTILINE)
-_WORST_FIT_PX = 3.0
-"""Largest error of a lens that is approximated, px."""
-_EXACT_FIT_PX = 0.01
-"""An error up to this is not worth a warning."""
 
 
 def rig_to_yaml(rig: Rig) -> str:
@@ -449,12 +445,12 @@ def _to_lens(name: str, camera: CameraSection, source: str, warn: Warn | None) -
     lens = to_rig_lens(
         camera.camera_model, camera.intrinsics, model, tuple(camera.distortion_coeffs), camera.resolution
     )
-    if not lens.error_px <= _WORST_FIT_PX:
-        valid = f"a lens that radtan or equidistant with four coefficients represents up to {_WORST_FIT_PX:g} px"
+    if not lens.error_px <= WORST_FIT_PX:
+        valid = f"a lens that radtan or equidistant with four coefficients represents up to {WORST_FIT_PX:g} px"
         raise ConfigError(
             source, f"{name}.distortion_coeffs", camera.distortion_coeffs, f"{valid}, which {given} is not"
         )
-    if lens.error_px > _EXACT_FIT_PX and warn is not None:
+    if lens.error_px > EXACT_FIT_PX and warn is not None:
         warn(f"{source}: {name}: {given} is fitted by {lens.model}, up to {lens.error_px:.2g} px off")
     return lens
 

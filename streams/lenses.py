@@ -147,6 +147,10 @@ _WIDEST = 1.5
 """Largest angle in rad between the optical axis and a ray at which lenses are compared."""
 _ANGLES, _AROUND = 91, 96
 """Rays of the comparison: angles from the axis, and directions around it."""
+WORST_FIT_PX = 3.0
+"""Largest error of a lens that is approximated, px."""
+EXACT_FIT_PX = 0.01
+"""An error up to this is not worth a warning."""
 _NEGLIGIBLE = 1e-9
 """Coefficients and parameters below this count as 0."""
 

@@ -25,6 +25,7 @@ from stridetwin.streams.formats.imu_folder import is_imu_folder
 from stridetwin.streams.formats.imu_table import read_imu_tables
 from stridetwin.streams.formats.imu_text import OPEN_SUFFIXES, SUFFIXES, TableRequest, is_imu_text
 from stridetwin.streams.formats.imu_unmeasured import leave_out_unmeasured
+from stridetwin.streams.formats.unknown_folder import VIDEO, describe_parent, describe_unknown
 from stridetwin.streams.kalibr import read_rig
 from stridetwin.streams.plausible import (
     IMAGE_RATES_HZ,
@@ -76,6 +77,7 @@ _LAYOUTS: Mapping[str, Callable[[Path], bool]] = {
 _AS_CSV = "export the table as CSV, in UTF-8, with the names and units of its columns"
 _UNREAD: Mapping[str, str] = {
     **dict.fromkeys((".xls", ".xlsx", ".ods", ".mat", ".json", ".parquet", ".h5", ".hdf5", ".feather"), _AS_CSV),
+    **dict.fromkeys((".mp4", ".mov", ".avi", ".mkv"), VIDEO),
     **dict.fromkeys((".zip", ".gz", ".7z", ".rar", ".tar", ".tgz", ".zst"), "unpack it first"),
 }
 """What to do about files of other kinds that may have a table."""
@@ -96,8 +98,9 @@ _WITH_DEPTH_SCALE = ("tum", "7scenes", "openloris", "strayscanner")
 _EVENTS = (Footprint, Point)  # irregular events
 _MOST_LISTED = 8
 """Most entries of a folder that an error lists."""
-_RECORDING_SUFFIXES = (".bag", ".mcap", ".db3", ".vrs")
-_PACKED_SUFFIXES = (".zstd", ".zst", ".zip", ".gz", ".tgz", ".tar", ".7z", ".bz2", ".r3d")
+_PART_SUFFIXES = (".txt", ".csv", ".yaml", ".png", ".jpg")
+"""Endings of files that are a part of a folder with a recording."""
+_VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv")
 _IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".exr", ".tif", ".tiff", ".pgm")
 _METADATA = "metadata.yaml"
 """File that describes a ROS 2 bag."""
@@ -162,6 +165,8 @@ def recognise(path: Path) -> str:
     kinds = ", ".join(FILE_FORMATS)
     numbered = f"; a text table of an IMU needs names of its columns, or their numbers: {OPTION} {NUMBERED}"
     hint = numbered if path.suffix in OPEN_SUFFIXES else ""
+    if path.suffix in _PART_SUFFIXES and (above := describe_parent(path, _find_layout)) is not None:
+        hint = f"; {above}"
     raise StrideTwinError(f"{path}: unknown content: expected a recording of one of the kinds {kinds}{hint}")
 
 
@@ -269,22 +274,8 @@ def _recognise_folder(path: Path) -> str:
         return kind
     kinds = ", ".join(known for known in FILE_FORMATS[2:] if known != "vrs")  # without those of single files
     raise StrideTwinError(
-        f"{path}: unknown layout: expected a folder of one of the kinds {kinds}; {_describe_folder(path)}"
+        f"{path}: unknown layout: expected a folder of one of the kinds {kinds}; {describe_unknown(path, _find_layout)}"
     )
-
-
-def _describe_folder(path: Path) -> str:
-    """What a folder of no known layout has, and what to give in its place, for a message."""
-    entries = sorted(path.iterdir())
-    recordings = [entry for entry in entries if entry.is_file() and entry.suffix in _RECORDING_SUFFIXES]
-    recordings += [entry for entry in entries[:_MOST_LISTED] if entry.is_dir() and _find_layout(entry)]
-    if recordings:
-        return f"it has recordings inside; give one of them: {', '.join(map(str, recordings[:_MOST_LISTED]))}"
-    if packed := [entry.name for entry in entries if entry.suffix in _PACKED_SUFFIXES]:
-        return f"{packed[0]} is packed: unpack it first"
-    names = [f"{entry.name}/" if entry.is_dir() else entry.name for entry in entries]
-    more = [f"and {len(names) - _MOST_LISTED} more"] if len(names) > _MOST_LISTED else []
-    return f"it has {', '.join([*names[:_MOST_LISTED], *more])}" if names else "it is empty"
 
 
 def _find_layout(path: Path) -> str | None:
@@ -336,6 +327,7 @@ def _report_images(path: Path, notes: Notes) -> None:
     """Warns if a folder that is read as IMU tables has images, whose layout is none that is read."""
     entries = sorted(path.iterdir()) if path.is_dir() else []
     with_images = [f"{entry.name}/" for entry in entries if entry.is_dir() and _has_images(entry)]
+    with_images += [entry.name for entry in entries if entry.suffix.lower() in _VIDEO_SUFFIXES]
     if with_images:
         names = ", ".join(with_images[:_MOST_LISTED])
         notes.warn(f"read as IMU tables alone: the images in {names} have no layout that is read")

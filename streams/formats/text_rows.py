@@ -43,7 +43,7 @@ def read_text_rows(path: Path, separator: str | None) -> tuple[list[str], list[T
 
     Args:
         path: The file.
-        separator: Between cells; None is any white space.
+        separator: Between cells; None is any white space. Lines without it are divided at another one that they have.
 
     Raises:
         StrideTwinError: The file cannot be read.
@@ -53,10 +53,20 @@ def read_text_rows(path: Path, separator: str | None) -> tuple[list[str], list[T
     for number, line in enumerate(read_lines(path, "utf-8-sig"), 1):
         content, mark, comment = line.partition("#")  # `mark` is "" without a comment
         if content := content.strip():
-            rows.append(TextRow(number, content, separator))
+            rows.append(TextRow(number, content, _choose_separator(content, separator)))
         elif mark and not rows:  # a comment above all rows
-            header = TextRow(number, comment.strip(), separator).cells
+            comment = comment.strip()
+            header = TextRow(number, comment, _choose_separator(comment, separator)).cells
     return header, rows
+
+
+def _choose_separator(line: str, usual: str | None) -> str | None:
+    """The separator of a line: the usual one of its format, or one in place of it; None is white space."""
+    if usual is None:
+        return "," if len(line.split()) == 1 and "," in line else None
+    if usual in line or len(line.split()) == 1:
+        return usual
+    return next((mark for mark in (";", "\t") if mark in line), None)
 
 
 def read_numbers(

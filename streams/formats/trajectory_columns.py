@@ -102,6 +102,13 @@ def columns_by_names(names: Sequence[str]) -> Columns | None:
     )
 
 
+def find_pose_places(header: Sequence[str]) -> list[tuple[str, int]]:
+    """Names and places of `tx ty tz qx qy qz qw` after a stamp, by the header if it names them, else in this order."""
+    columns = columns_by_names(header)
+    places = range(1, 8) if columns is None else (*columns.position, *columns.quaternion)
+    return list(zip(("tx", "ty", "tz", "qx", "qy", "qz", "qw"), places))
+
+
 def _find_time(names: dict[int, str]) -> tuple[int | None, int | None]:
     """Places of the stamp and of its part in ns, of names by their places; None for what is not there.
 
