@@ -200,9 +200,8 @@ def _to_rotations(rows: TrajectoryRows, rotation: Array) -> Array:
     """
     if rotation.shape[1] == 4:
         norm = np.linalg.norm(rotation, axis=1)
-        if not rotation.any():
-            raise ConfigError(rows.path, "qx qy qz qw", "0 0 0 0 in all rows", "attitudes; the tool has written none")
-        _check_rows(rows, (norm > 0.9) & (norm < 1.1), rotation, "qx qy qz qw", _UNIT)
+        valid = _UNIT if rotation.any() else "a unit quaternion; the tool has written no attitudes, 0 0 0 0 in all rows"
+        _check_rows(rows, (norm > 0.9) & (norm < 1.1), rotation, "qx qy qz qw", valid)
         return np.asarray(rotation[:, [3, 0, 1, 2]] / norm[:, None])
     from scipy.spatial.transform import Rotation  # here, as its import would double the start time of the command line
 
