@@ -6,7 +6,13 @@ import math
 import sys
 from pathlib import Path
 
-from stridetwin.outputs.path.quaternion_order import is_inverse, steps_to_order, tilt_of_world
+from stridetwin.outputs.path.quaternion_order import (
+    is_inverse,
+    is_mirrored,
+    steps_to_order,
+    tilt_of_world,
+    turn_of_frame,
+)
 from stridetwin.outputs.truth import true_path
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.formats.trajectory_columns import METRES, W_FIRST
@@ -95,11 +101,18 @@ def settle_order(
         notes.warn(ASSUMED_W_FIRST)
     if is_inverse(read.path[inside], true_poses):
         notes.warn("its attitudes are those of the world in the frame: expected the frame in the world, the inverse")
+    elif turn := turn_of_frame(read.path[inside], true_poses):
+        notes.warn(
+            f"its frame is turned by {math.degrees(turn):.0f}° from {frame} all the way, as that of a camera is: "
+            f"expected poses of {frame}, or --frame with the frame that they are of"
+        )
     elif tilt > _TILTED_RAD and not may_tilt:
         notes.warn(
             f"its world's z axis is {math.degrees(tilt):.0f}° off the vertical, as in the world of a camera's first "
             "image: --align se3 rotates it; if the quaternion has another order, --quaternion says it"
         )
+    elif not may_tilt and is_mirrored(read.path[inside], true_poses):
+        notes.warn("its way is the true one with left and right exchanged: expected a right-handed world with z up")
     return read
 
 

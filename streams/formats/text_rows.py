@@ -15,6 +15,8 @@ from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.samples import Array, Stamps
 
+_HOMOGENEOUS = 4
+"""Rows of a camera matrix with a row and column more, as ScanNet has it."""
 LONGEST_STAMP = 19
 """Most digits of a stamp in ns: those of 2⁶³."""
 
@@ -157,7 +159,8 @@ def read_camera_matrix(path: Path, separator: str | None) -> tuple[float, float,
         StrideTwinError: The file cannot be read, or is no camera matrix.
     """
     valid = "fx 0 cx / 0 fy cy / 0 0 1 in pixels, focal lengths above 0"
-    K = read_matrix(path, separator, 3, valid)
+    _, rows = read_text_rows(path, separator)
+    K = read_matrix(path, separator, 4 if len(rows) == _HOMOGENEOUS else 3, valid)
     if min(K[0, 0], K[1, 1]) <= 0:
         raise ConfigError(path, "matrix", K.tolist(), valid)
     return float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])

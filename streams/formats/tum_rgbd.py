@@ -39,6 +39,15 @@ TRUTH_TOPIC = "/truth/head/color/odometry"
 _RATE, _FORCE = ("wx", "wy", "wz"), ("ax", "ay", "az")
 _PAIRS = ("associations.txt", "association.txt", "associated.txt", "associate.txt", "assoc.txt")
 """Names of a list of pairs, as `associate.py` of the benchmark writes it."""
+_OTHER_CALIBRATIONS = (
+    "calib.txt",
+    "camera.txt",
+    "intrinsics.txt",
+    "camera_intrinsics.txt",
+    "camera.yaml",
+    "calib.yaml",
+)
+"""Files of other names and forms that users have beside the images."""
 _INTRINSICS = ("fx", "fy", "cx", "cy")
 """What `calibration.txt` has, once or for each image."""
 
@@ -151,6 +160,11 @@ def _read_rig(path: Path, images: dict[str, ImageStream], notes: Notes) -> Rig:
         ConfigError: The file has other contents than fx fy cx cy, or a row of these for each image.
     """
     file = path / "calibration.txt"
+    other = next((name for name in _OTHER_CALIBRATIONS if (path / name).is_file()), None)
+    if not file.is_file() and other is not None and not (path / RIG_NAME).is_file():
+        notes.warn(
+            f"{other} is not read: calibration.txt with fx fy cx cy in pixels, or a file for --rig, gives the camera"
+        )
     topic = COLOR if COLOR in images else DEPTH
     if not file.is_file() or topic not in images or (size := read_first_image_size(images[topic])) is None:
         return Rig()

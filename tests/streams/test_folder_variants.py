@@ -86,6 +86,20 @@ def test_the_header_of_a_true_path_gives_the_order_of_its_quaternion(tmp_path):
         np.testing.assert_allclose(truth.columns["q_world_frame"][0], q, atol=1e-9)
 
 
+def test_calibrations_of_other_names_are_read_or_named(tmp_path):
+    (write_tum(tmp_path / "a") / "calib.txt").write_text("517.3 516.5 318.6 255.3\n")
+    assert "calib.txt is not read: calibration.txt with fx fy cx cy" in " ".join(open_any(tmp_path / "a").warnings)
+    for name, text in (
+        ("intrinsics.txt", "20 0 16\n0 21 12\n0 0 1\n"),
+        ("intrinsic_color.txt", "20 0 16 0\n0 21 12 0\n0 0 1 0\n0 0 0 1\n"),
+    ):
+        folder = tmp_path / name
+        for kind in ("color", "depth"):
+            write_image(folder / f"frame-000000.{kind}", depth=kind == "depth")
+        (folder / name).write_text(text)
+        assert open_any(folder).rig.cameras["/head/color"].intrinsics == (20.0, 21.0, 16.0, 12.0)
+
+
 def test_stamps_in_nanoseconds_are_named(tmp_path):
     file = write_tum(tmp_path) / "rgb.txt"
     file.write_text(f"1305031102100000000 rgb/{STAMPS_S[0]}.png\n")
