@@ -292,7 +292,7 @@ class ImportableOptions(SourceOptions):
     ] = None
     depth_scale: Annotated[
         float | None,
-        option("Depth units per metre in a folder's depth images (TUM 5000, 7-Scenes 1000).", "N", positive),
+        option("Units per metre of depth images (default: TUM 5000, 7-Scenes and bags 1000).", "N", positive),
     ] = None
 
 

@@ -47,7 +47,7 @@ def _to_plain_data(element: ElementTree.Element, source: str, depth: int) -> obj
     """
     if depth > DEEPEST:
         raise ConfigError(source, element.tag, "...", f"up to {DEEPEST} levels")
-    words = (element.text or "").split()
+    tokens = (element.text or "").split()
     if element.get("type_id") == _MATRIX:
         numbers = (element.findtext("data") or "").split()
         if len(numbers) > MOST_VALUES or not all(map(_NUMBER.fullmatch, numbers)):
@@ -56,7 +56,7 @@ def _to_plain_data(element: ElementTree.Element, source: str, depth: int) -> obj
     if len(element):
         items = [(child.tag, _to_plain_data(child, source, depth + 1)) for child in element]
         return [item for _, item in items] if all(tag == "_" for tag, _ in items) else dict(items)
-    values: list[object] = [float(word) if _NUMBER.fullmatch(word) else word.strip('"') for word in words]
+    values: list[object] = [float(word) if _NUMBER.fullmatch(word) else word.strip('"') for word in tokens]
     if len(values) > 1 and all(isinstance(value, float) for value in values):
         return values
-    return values[0] if len(values) == 1 else " ".join(words).strip('"')
+    return values[0] if len(values) == 1 else " ".join(tokens).strip('"')

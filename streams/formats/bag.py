@@ -179,6 +179,8 @@ _WANTED = "sensor_msgs/msg/Imu, Image, CompressedImage or JointState, nav_msgs/m
 """What an error about a bag without samples expects."""
 _CONVERT = "convert it to ROS 2 messages first (such as rosbags-convert, or `ros2 bag convert`)"
 """What to do with messages of another encoding."""
+_FLOAT_DEPTH, _HEAD_BYTES = b"32FC1", 512
+"""Encoding of depth as floats, and in how many bytes of a message it is named."""
 _IMU, _MOST_FRAMES = "sensor_msgs/msg/Imu", 16
 """Type of the messages that are divided by their frames, and most frames of one topic."""
 _FLOAT, _MILLIMETRE = "std_msgs/msg/Float32", 0.001
@@ -233,13 +235,14 @@ class _Stream(Generic[KeyT]):
         self.keys.append(key)
 
 
-def read_bag(bag: Bag[KeyT], kind: str, notes: Notes) -> Source:
+def read_bag(bag: Bag[KeyT], kind: str, notes: Notes, per_metre: float | None = None) -> Source:
     """Reads the streams of a bag: small ones into memory, images as streams that are read on request.
 
     Args:
         bag: The open bag.
         kind: Name of its format, one of `FILE_FORMATS`.
         notes: Collects problems.
+        per_metre: Units of depth images per metre; None for mm in 16 bits and m in floats, or RealSense's units.
 
     Returns:
         Streams by the bag's topics, with our topic of each (`assign_bag_topics`), and the calibrations of its cameras.
@@ -264,6 +267,9 @@ def read_bag(bag: Bag[KeyT], kind: str, notes: Notes) -> Source:
             elif stream.is_image:
                 # metres per unit of depth, by the sensor whose name the topic begins with
                 units = next((m for sensor, m in depth_units.items() if topic.startswith(f"{sensor}/")), _MILLIMETRE)
+                if per_metre is not None:  # depth of floats is taken as m when it is decoded
+                    is_float = _FLOAT_DEPTH in stream.payloads[0][:_HEAD_BYTES]
+                    units = (_MILLIMETRE if is_float else 1.0) / per_metre
                 images[topic] = _to_image_stream(bag, stream, stream.reader, units, notes)
             else:
                 block = stream.reader.read_block(_to_messages(stream))

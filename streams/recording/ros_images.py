@@ -21,6 +21,8 @@ IMAGES = (COMPRESSED, RAW)
 """Message types of images."""
 DEPTH_ENCODINGS = ("16UC1", "32FC1")
 """ROS's names of depth in mm of 16 bits, and of depth in m as float32."""
+_PNG_HEAD = 26
+"""Bytes of a PNG up to its bits per number and its kind of colour, 0 for grey."""
 _INFO_PERIOD_NS = 1_000_000_000
 """Time after which a camera's intrinsics are written again."""
 # NumPy type of a number and numbers per pixel, by ROS's name of an encoding
@@ -203,7 +205,7 @@ def detect_image_kind(payload: bytes, typename: str, store: Typestore) -> type[I
     """
     message = deserialise(store, payload, typename)
     if typename == COMPRESSED:
-        return Depth if "compressedDepth" in message.format else Image
+        return Depth if "compressedDepth" in message.format or _is_16_bit(message) else Image
     # 16 bits of grey (mono16) are taken as depth in mm
     return Depth if message.encoding in (*DEPTH_ENCODINGS, "mono16") else Image
 
@@ -229,6 +231,8 @@ def read_image_message(payload: bytes, typename: str, store: Typestore, topic: s
         return Depth(topic=topic, t_ns=t_ns, depth=_decode_compressed_depth(message))
     if typename == COMPRESSED:
         pixels = decode_image(bytes(message.data))
+        if pixels is not None and pixels.dtype == np.uint16 and pixels.ndim == 2:
+            return Depth(topic=topic, t_ns=t_ns, depth=_mm_to_metres(pixels))
         if pixels is None or pixels.dtype != np.uint8:
             raise ValueError(f"an image of format {message.format!r} that cannot be decoded to 8 bits")
         pixels_8bit = pixels.view(np.uint8)
@@ -249,6 +253,12 @@ def read_image_message(payload: bytes, typename: str, store: Typestore, topic: s
     if message.encoding in _TO_RGB:
         pixels = np.asarray(cv2.cvtColor(np.asarray(pixels, np.uint8), _TO_RGB[message.encoding]))
     return Image(topic=topic, t_ns=t_ns, pixels=np.asarray(pixels, np.uint8))
+
+
+def _is_16_bit(message: RosMessage) -> bool:
+    """Whether a CompressedImage is a PNG of 16 bits of grey, as which depth is sent without a transport of its own."""
+    data = bytes(message.data[:_PNG_HEAD])
+    return data.startswith(b"\x89PNG") and data[_PNG_HEAD - 2 :] == b"\x10\x00"
 
 
 def _mm_to_metres(mm: NDArray[np.generic]) -> NDArray[np.float32]:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 from robot_files import IMAGE_TYPE, IMU_TYPE, INFO_TYPE, START_NS, STORE, header, info_message, still_imu, write_bag
 
-from stridetwin.streams.formats.opening import open_any
+from stridetwin.outputs.truth import TruePath
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.formats.opening import ImportOptions, open_any
 
 TIMES = [START_NS + 100_000_000 * i for i in range(6)]
 
@@ -99,3 +103,70 @@ def test_encodings_of_drivers_are_read_as_rgb(tmp_path, encoding):
     recording = open_any(write_camera(tmp_path / "bag", encoding, pixels))
     (image,) = recording.images("/head/color", [0])
     np.testing.assert_allclose(image.pixels[4:-4, 4:-4].astype(int), RGB[4:-4, 4:-4].astype(int), atol=3)
+
+
+COMPRESSED = "sensor_msgs/msg/CompressedImage"
+
+
+def write_compressed(folder, form, data):
+    kind = STORE.types[COMPRESSED]
+    rows = [(t, kind(header(t), form, np.frombuffer(data, np.uint8))) for t in TIMES]
+    return write_bag(folder, {"/camera/depth/image_raw/compressed": (COMPRESSED, rows)})
+
+
+@pytest.mark.parametrize("form", ["16UC1; png compressed ", "png"])
+def test_compressed_images_of_16_bits_are_depth(tmp_path, form):
+    data = cv2.imencode(".png", np.full((24, 32), 1700, np.uint16))[1].tobytes()
+    (image,) = open_any(write_compressed(tmp_path / "bag", form, data)).images("/head/depth", [0])
+    np.testing.assert_allclose(image.depth, 1.7)
+
+
+def test_images_that_cannot_be_read_are_named_at_once(tmp_path):
+    recording = open_any(write_compressed(tmp_path / "bag", "h264", b"\0\0\0\1abcd"))
+    assert "its first image cannot be read" in " ".join(recording.warnings)
+
+
+@pytest.mark.parametrize(
+    ("encoding", "pixels", "per_metre"),
+    [("16UC1", np.full((24, 32), 6800, np.uint16), 4000.0), ("32FC1", np.full((24, 32), 1700, np.float32), 1000.0)],
+)
+def test_the_unit_of_depth_of_a_bag_is_an_option(tmp_path, encoding, pixels, per_metre):
+    bag = write_camera(tmp_path / "bag", encoding, pixels)
+    (image,) = open_any(bag, options=ImportOptions(depth_scale=per_metre)).images("/head/depth", [0])
+    np.testing.assert_allclose(image.depth, 1.7, rtol=1e-6)
+
+
+def odometry_message(t_ns, q):
+    def kind(name, *values):
+        return STORE.types[f"geometry_msgs/msg/{name}"](*values)
+
+    pose = kind("Pose", kind("Point", 0.0, 0.0, 1.0), kind("Quaternion", *q))
+    still = kind("Twist", kind("Vector3", 0.0, 0.0, 0.0), kind("Vector3", 0.0, 0.0, 0.0))
+    covariance = np.zeros(36)
+    parts = kind("PoseWithCovariance", pose, covariance), kind("TwistWithCovariance", still, covariance)
+    return STORE.types[ODOMETRY](header(t_ns), "base", *parts)
+
+
+ODOMETRY = "nav_msgs/msg/Odometry"
+
+
+@pytest.mark.parametrize("q", [(0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 2.0)])
+def test_paths_without_attitudes_are_left_out(tmp_path, q):
+    path = (ODOMETRY, [(t, odometry_message(t, q)) for t in TIMES])
+    recording = open_any(write_bag(tmp_path / "bag", {"/vicon/odom": path, "/imu": (IMU_TYPE, still_imu())}))
+    assert set(recording.topics) == {"/head/imu"}
+    assert "6 of 6 poses have no attitude" in " ".join(recording.warnings)
+    with pytest.raises(StrideTwinError, match=r"no readable sample: .*no attitude"):
+        open_any(write_bag(tmp_path / "alone", {"/vicon/odom": path}))
+    block = replace(
+        open_any(
+            write_bag(
+                tmp_path / "good",
+                {"/vicon/odom": (ODOMETRY, [(t, odometry_message(t, (0, 0, 0, 1.0))) for t in TIMES])},
+            )
+        ).block("/truth/head/odometry"),
+        topic="/truth/head/odometry",
+    )
+    block.columns["q_world_frame"][2] = q
+    with pytest.raises(StrideTwinError, match="expected the attitude as a unit quaternion"):
+        TruePath.of(block)
