@@ -10,6 +10,7 @@ not used are named, and values beyond those of a sensor that a person wears are 
 
 from __future__ import annotations
 
+import os
 import re
 import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
@@ -265,7 +266,7 @@ def _read_calibration_text(file: Path) -> str:
     Raises:
         StrideTwinError: The file cannot be read, or is too large.
     """
-    if file.is_dir():
+    if os.path.isdir(file):  # false for a name that the system refuses, which reading reports
         names = sorted(entry.name for entry in file.iterdir() if entry.suffix.lower() in _YAML_SUFFIXES)
         has = f"{', '.join(names[:_MOST_KEYS])}" if names else "none"
         raise ConfigError(file, "", "a folder", f"a calibration file; those inside: {has}")

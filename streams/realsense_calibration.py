@@ -30,8 +30,10 @@ _EXTRINSIC = re.compile(
 )
 _OTHER = re.compile(r'^\s*Motion Intrinsic of "([^"]+)"', re.MULTILINE)
 _SHORT = {"width": "w", "height": "h"}
-_LENS_KEYS = ("width", "height", "w", "h", "ppx", "ppy", "cx", "cy", "fx", "fy", "model", "distortion", "coeffs")
-_LENS_KEYS += ("coefficients",)
+_LENS_KEYS = frozenset(
+    ("width", "height", "w", "h", "ppx", "ppy", "cx", "cy", "fx", "fy")
+    + ("model", "distortion", "coeffs", "coefficients")
+)
 _LENS_NAMES = {"cx": "ppx", "cy": "ppy"}
 _CENTRES = ({"ppx", "ppy", "fx", "fy"}, {"cx", "cy", "fx", "fy"})
 """Fields that intrinsics have, with either name of the centre."""

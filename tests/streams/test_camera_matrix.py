@@ -173,3 +173,8 @@ def test_a_folder_is_no_calibration(tmp_path):
     (tmp_path / "imu.yaml").write_text("")
     with pytest.raises(StrideTwinError, match=r"a folder': expected a calibration file; those inside: imu\.yaml"):
         read_rig(tmp_path)
+
+
+def test_a_neighbour_of_an_impossible_name_is_an_error_in_one_line(tmp_path):
+    with pytest.raises(StrideTwinError, match="cannot be read"):
+        read(tmp_path, f'%YAML:1.0\nrelative_config_imu: "{"a" * 300}.yaml"\n')
