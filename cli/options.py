@@ -230,6 +230,9 @@ class TrajectoryFileOptions(Options):
     time_offset: Annotated[
         float | None, option("Added to the stamps of a trajectory of another clock.", "S", finite)
     ] = None
+    length_unit: Annotated[
+        Literal["m", "cm", "mm"] | None, option("Unit of a trajectory's positions (default: its header's, or m).")
+    ] = None
 
     @property
     def trajectory(self) -> TrajectoryOptions:
@@ -239,10 +242,11 @@ class TrajectoryFileOptions(Options):
             time_unit=self.time_unit,
             times=self.times,
             time_offset_s=self.time_offset or 0.0,
+            length_unit=self.length_unit,
         )
 
 
-NO_FILE = "--quaternion, --time-unit, --times, --time-offset say how a trajectory is read: expected"
+NO_FILE = "--quaternion, --time-unit, --times, --time-offset, --length-unit say how a trajectory is read: expected"
 """Begin of the error where no trajectory is given."""
 
 
@@ -288,7 +292,7 @@ class ImportableOptions(SourceOptions):
     ] = None
     depth_scale: Annotated[
         float | None,
-        option("Depth units per metre in a folder's depth images (TUM 5000, 7-Scenes 1000).", "N", positive),
+        option("Units per metre of depth images (default: TUM 5000, 7-Scenes and bags 1000).", "N", positive),
     ] = None
 
 

@@ -18,6 +18,9 @@ from stridetwin.streams.samples import Array, Block, Footprint, Sample
 from stridetwin.streams.terrain_truth import Layout, Strip
 from stridetwin.streams.trajectory import Trajectory
 
+_NORM_ERROR = 0.1
+"""How far the norm of a quaternion may be off."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TruePath:
@@ -40,7 +43,7 @@ class TruePath:
         """The path in a `/truth/.../odometry` topic.
 
         Raises:
-            RecordingError: Fewer than two samples, or a value that is not finite.
+            RecordingError: Fewer than two samples, a value that is not finite, or an attitude that is no rotation.
         """
         if len(block) < 2:
             raise RecordingError(f"{block.topic}: {len(block)} samples are no path; at least 2 are needed")
@@ -50,6 +53,11 @@ class TruePath:
         if is_invalid.any():
             first_s = block.t_ns[is_invalid.argmax()] / 1e9  # argmax of booleans: the first that is True
             raise RecordingError(f"{block.topic}: not finite at {first_s:.3f} s; truth must be finite")
+        norm = np.linalg.norm(q, axis=1)
+        row = int(np.argmax(np.abs(norm - 1.0)))
+        if abs(norm[row] - 1.0) > _NORM_ERROR:
+            at = f"the quaternion at {block.t_ns[row] / 1e9:.3f} s has the norm {norm[row]:.3g}"
+            raise RecordingError(f"{block.topic}: {at}: expected the attitude as a unit quaternion")
         return cls(t_ns=block.t_ns, p_frame_in_world=p, v_frame_in_world=v, q_world_frame=q)
 
     @property

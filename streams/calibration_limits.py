@@ -20,6 +20,8 @@ _FOCAL_PER_WIDTH = (0.05, 20.0)
 """Least and largest focal length of any lens, in widths of the image."""
 _ASPECT = (0.5, 2.0)
 """Least and largest ratio of the two focal lengths."""
+_SQUARE, _MIDDLE = 0.1, 0.15
+"""Pixels are so nearly square, and centres of lenses so near to that of the image, as a share of its size."""
 _RATES_HZ = (1.0, 20_000.0)
 _NOISE = {
     "gyroscope_noise_density": (1e-8, 0.5, "rad/s/√Hz", 0.0174533, "°/s/√Hz"),
@@ -73,9 +75,17 @@ def _check_lens(source: str, path: str, camera: CameraCalibration) -> Iterator[C
     elif not _ASPECT[0] <= fu / fv <= _ASPECT[1]:
         valid = "two focal lengths that differ by less than a factor of 2, then the centre: fu, fv, pu, pv"
         yield ConfigError(source, path, list(camera.intrinsics), valid)
+    elif abs(fu / fv - 1.0) > _SQUARE and abs(pu / fu - 1.0) < _SQUARE and _is_middle(fv, pv, camera):
+        valid = "the order fu, fv, pu, pv; these look like fu, pu, fv, pv"
+        yield ConfigError(source, path, list(camera.intrinsics), valid)
     elif not (-0.5 <= pu / camera.width <= 1.5 and -0.5 <= pv / camera.height <= 1.5):
         valid = f"a centre in images of {size}; are the intrinsics of another resolution, or in another order?"
         yield ConfigError(source, path, list(camera.intrinsics), valid)
+
+
+def _is_middle(u: float, v: float, camera: CameraCalibration) -> bool:
+    """Whether a pixel is near the middle of a camera's images."""
+    return all(abs(x / size - 0.5) < _MIDDLE for x, size in ((u, camera.width), (v, camera.height)))
 
 
 def check_imu(source: str, name: str, imu: ImuCalibration) -> Iterator[ConfigError]:

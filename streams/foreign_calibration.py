@@ -1,7 +1,7 @@
 """Calibration files of other tools as sections of a Kalibr file.
 
 Read are OpenVINS (`estimator_config.yaml`), VINS-Fusion and VINS-Mono with the camera files of camodocal, ORB-SLAM3
-(both versions of its settings), Basalt (JSON), a single `sensor.yaml` of EuRoC, and ROS's `camera_info`. A transform
+(both versions of its settings), Basalt (JSON), and a single `sensor.yaml` of EuRoC. A transform
 `T_a_b` takes points from frame b to frame a; each tool's direction is that of its own documentation.
 """
 
@@ -21,6 +21,8 @@ NOISE = (
     "accelerometer_random_walk",
 )
 """Kalibr's keys of an IMU's noise: gyroscope's density and random walk, then the accelerometer's."""
+_UNKNOWN_EXTRINSIC = 2
+"""Value of VINS' `estimate_extrinsic` for a transform that is not known."""
 ReadNeighbour = Callable[[str], dict[str, object]]
 """Reads the file that a file names, from the same folder."""
 
@@ -72,7 +74,6 @@ def convert_calibration(document: dict[str, object], source: str, read: ReadNeig
         (_is_vins, _convert_vins),
         (_is_basalt, _convert_basalt),
         (_is_sensor_file, _convert_sensor_file),
-        (_is_camera_info, _convert_camera_info),
     ):
         if is_of_tool(document):
             result = convert(keys, read)
@@ -103,7 +104,7 @@ def _read_beside(keys: Keys, key: str, read: ReadNeighbour | None) -> tuple[str,
     """
     name = keys.take_text(key, "")
     if read is None or not re.fullmatch(r"[^/\\\0]+", name) or name in (".", ".."):
-        raise keys.place.key(key).error(name, "the name of a file in the same folder")
+        raise keys.place.key(key).error(name, "the name of a file in the same folder; copy it there")
     return name, read(name)
 
 
@@ -129,9 +130,12 @@ def _convert_orb_slam(keys: Keys, read: ReadNeighbour | None) -> Converted:
     prefixes = {"cam0": first} if f"{first}.fx" in keys else {}
     if "Camera2.fx" in keys:
         prefixes["cam1"] = "Camera2"
-    size = keys.take_numbers(("Camera.width", "Camera.height")) if prefixes else []
+    has_size = prefixes and "Camera.width" in keys  # settings of a single camera may lack it
+    size = keys.take_numbers(("Camera.width", "Camera.height")) if has_size else []
     for name, prefix in prefixes.items():
-        camera = _take_orb_camera(keys, prefix, kind) | {"resolution": [_to_whole(value) for value in size]}
+        camera = _take_orb_camera(keys, prefix, kind)
+        if size:
+            camera["resolution"] = [to_whole(value) for value in size]
         result.add(
             name, camera, {"intrinsics": f"{prefix}.fx, fy, cx, cy", "resolution": "Camera.width, Camera.height"}
         )
@@ -177,7 +181,8 @@ def _take_orb_camera(keys: Keys, prefix: str, kind: str) -> Section:
 
 def _is_vins(document: dict[str, object]) -> bool:
     """Whether it is a configuration of VINS-Fusion or VINS-Mono, or a camera file of camodocal."""
-    return any(re.match(r"body_T_cam\d|cam\d_calib|extrinsicRotation|model_type$|image\d?_topic", k) for k in document)
+    names = r"(?:body|imu)_T_cam\d?|cam\d?_T_(?:body|imu)|cam\d_calib|extrinsicRotation|model_type$|image\d?_topic"
+    return any(re.match(names, key) for key in document)
 
 
 def _convert_vins(keys: Keys, read: ReadNeighbour | None) -> Converted:
@@ -199,12 +204,8 @@ def _convert_vins(keys: Keys, read: ReadNeighbour | None) -> Converted:
             camera["rostopic"] = keys.take_text(topic, "")
         camera |= {"timeshift_cam_imu": shift, "readout_s": readout_s if rolls else 0.0}
         result.add(name, camera, {"timeshift_cam_imu": "td", "readout_s": "rolling_shutter_tr"})
-        pose = keys.take_transform(f"body_T_cam{i}")
-        if pose is not None:
-            _extend(result, name, "T_imu_cam", pose, f"body_T_cam{i}")
-        elif i == 0 and "extrinsicRotation" in keys:
-            pose = keys.take_transform("extrinsicRotation", translation="extrinsicTranslation")
-            _extend(result, name, "T_imu_cam", pose, "extrinsicRotation")
+        _take_vins_pose(keys, i, result)
+    _note_estimated(keys, result)
     keys.drop("image_width", "image_height")  # of the images of all cameras, which their files also have
     noise = ("gyr_n", "gyr_w", "acc_n", "acc_w")
     has_imu = keys.take("imu") != 0
@@ -214,6 +215,43 @@ def _convert_vins(keys: Keys, read: ReadNeighbour | None) -> Converted:
             imu["rostopic"] = keys.take_text("imu_topic", "")
         result.add("imu0", imu, dict(zip(NOISE, noise, strict=True)))
     return result
+
+
+def _take_vins_pose(keys: Keys, number: int, result: Converted) -> None:
+    """Adds the transform between a camera and the IMU to the camera's section, if the configuration has it."""
+    suffixes = (f"{number}", "") if number == 0 else (f"{number}",)
+    for suffix in suffixes:
+        for key, direction in (
+            (f"body_T_cam{suffix}", "T_imu_cam"),
+            (f"imu_T_cam{suffix}", "T_imu_cam"),
+            (f"cam{suffix}_T_body", "T_cam_imu"),
+            (f"cam{suffix}_T_imu", "T_cam_imu"),
+        ):
+            if (pose := keys.take_transform(key)) is not None:
+                _extend(result, f"cam{number}", direction, pose, key)
+    if number == 0 and "extrinsicRotation" in keys:
+        pose = keys.take_transform("extrinsicRotation", translation="extrinsicTranslation")
+        _extend(result, "cam0", "T_imu_cam", pose, "extrinsicRotation")
+
+
+def _note_estimated(keys: Keys, result: Converted) -> None:
+    """Says that a transform or a time shift is only where VINS begins; a transform that is not known is left out."""
+    mode = keys.take_number("estimate_extrinsic", 0.0)
+    if mode == _UNKNOWN_EXTRINSIC:
+        result.notes.append(
+            "estimate_extrinsic: 2 says that the transform to the IMU is not known: it is not used; give the one that "
+            "VINS has written (extrinsic_parameter.csv)"
+        )
+        for section in result.sections.values():
+            if isinstance(section, dict):
+                section.pop("T_imu_cam", None)
+                section.pop("T_cam_imu", None)
+    elif mode:
+        result.notes.append(
+            "estimate_extrinsic: the transform to the IMU is the one from which VINS begins; it is used"
+        )
+    if keys.take_number("estimate_td", 0.0):
+        result.notes.append("estimate_td: td is the shift of the clock from which VINS begins; it is used")
 
 
 def _take_vins_camera(
@@ -248,7 +286,7 @@ def _take_camodocal(keys: Keys) -> Section:
         ConfigError: A value is missing, or the model is Scaramuzza's, which has no counterpart.
     """
     kind = keys.take_text("model_type", "PINHOLE").upper()
-    section: Section = {"resolution": [_to_whole(v) for v in keys.take_numbers(("image_width", "image_height"))]}
+    section: Section = {"resolution": [to_whole(v) for v in keys.take_numbers(("image_width", "image_height"))]}
     if kind not in ("PINHOLE", "PINHOLE_FULL", "KANNALA_BRANDT", "MEI"):
         valid = "PINHOLE, PINHOLE_FULL, KANNALA_BRANDT, MEI; calibrate with Kalibr instead"
         raise keys.place.key("model_type").error(kind, valid)
@@ -256,14 +294,14 @@ def _take_camodocal(keys: Keys) -> Section:
     if kind == "KANNALA_BRANDT":
         coefficients = projection.take_numbers(("k2", "k3", "k4", "k5"))
         pinhole = projection.take_numbers(("mu", "mv", "u0", "v0"))
-        return section | _make_lens("pinhole", pinhole, "equidistant", coefficients)
+        return section | make_lens("pinhole", pinhole, "equidistant", coefficients)
     names = ("k1", "k2", "p1", "p2") if kind != "PINHOLE_FULL" else ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
     distortion = keys.take_keys("distortion_parameters").take_numbers(names)
     if kind == "MEI":
         xi = keys.take_keys("mirror_parameters").take_number("xi")
         intrinsics = projection.take_numbers(("gamma1", "gamma2", "u0", "v0"))
-        return section | _make_lens("omni", [xi, *intrinsics], "radtan", distortion)
-    return section | _make_lens("pinhole", projection.take_numbers(("fx", "fy", "cx", "cy")), "radtan", distortion)
+        return section | make_lens("omni", [xi, *intrinsics], "radtan", distortion)
+    return section | make_lens("pinhole", projection.take_numbers(("fx", "fy", "cx", "cy")), "radtan", distortion)
 
 
 def _is_basalt(document: dict[str, object]) -> bool:
@@ -335,7 +373,7 @@ def _take_basalt_lens(camera: Keys) -> Section:
     model, parameters, distortion, coefficients = _BASALT_LENSES[kind]
     values = camera.take_keys("intrinsics")
     terms = values.take_numbers(parameters) + ([1.0] if kind == "ucm" else [])  # ucm is eucm with beta 1
-    lens = _make_lens(
+    lens = make_lens(
         model, [*terms, *values.take_numbers(("fx", "fy", "cx", "cy"))], distortion, values.take_numbers(coefficients)
     )
     values.drop("rpmax")  # how far from the centre the model holds
@@ -361,8 +399,8 @@ def _convert_sensor_file(keys: Keys, read: ReadNeighbour | None) -> Converted:
         return result
     coefficients = keys.take_list("distortion_coefficients") if "distortion_coefficients" in keys else []
     model = keys.take_text("distortion_model", "radtan" if coefficients else "none")
-    lens = _make_lens(keys.take_text("camera_model", "pinhole"), keys.take_list("intrinsics"), model, coefficients)
-    result.add("cam0", lens | {"resolution": [_to_whole(value) for value in keys.take_list("resolution")]})
+    lens = make_lens(keys.take_text("camera_model", "pinhole"), keys.take_list("intrinsics"), model, coefficients)
+    result.add("cam0", lens | {"resolution": [to_whole(value) for value in keys.take_list("resolution")]})
     if (pose := keys.take_transform("T_BS")) is not None:
         _extend(result, "cam0", "T_imu_cam", pose, "T_BS")
     keys.drop("rate_hz")  # stamps give the rate of a camera
@@ -375,30 +413,7 @@ def _read_rows(pose: object) -> object:
     return keys.take_transform("pose")
 
 
-def _is_camera_info(document: dict[str, object]) -> bool:
-    """Whether it is a camera file of ROS's `camera_calibration`, or of OpenCV's calibration."""
-    return any(key.lower() == "camera_matrix" for key in document)
-
-
-def _convert_camera_info(keys: Keys, read: ReadNeighbour | None) -> Converted:
-    """The camera of ROS's `camera_info`: its matrix K and distortion, without the rectification."""
-    del read
-    result = Converted()
-    names = {key.lower(): key for key in keys}
-    K = keys.take_list(names["camera_matrix"])
-    if len(K) != 9:
-        raise keys.place.key(names["camera_matrix"]).error(K, "9 numbers")
-    size = [keys.take_number(names.get(key, key)) for key in ("image_width", "image_height")]
-    key = names.get("distortion_coefficients", "distortion_coefficients")
-    coefficients = keys.take_list(key) if key in keys else []
-    model = keys.take_text("distortion_model", "radtan" if coefficients else "none")
-    camera = _make_lens("pinhole", [K[0], K[4], K[2], K[5]], model, coefficients)
-    result.add("cam0", camera | {"resolution": [_to_whole(value) for value in size]}, {"intrinsics": "camera_matrix"})
-    keys.drop("camera_name")
-    return result
-
-
-def _make_lens(model: str, intrinsics: list[float], distortion: str, coefficients: list[float]) -> Section:
+def make_lens(model: str, intrinsics: list[float], distortion: str, coefficients: list[float]) -> Section:
     """The keys of a lens in a camera's section."""
     return {
         "camera_model": model,
@@ -408,7 +423,7 @@ def _make_lens(model: str, intrinsics: list[float], distortion: str, coefficient
     }
 
 
-def _to_whole(value: float) -> object:
+def to_whole(value: float) -> object:
     """A number of pixels as an int; one that is not whole is kept for the validation to refuse."""
     return int(value) if value == int(value) else value
 

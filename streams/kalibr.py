@@ -10,6 +10,7 @@ not used are named, and values beyond those of a sensor that a person wears are 
 
 from __future__ import annotations
 
+import os
 import re
 import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
@@ -24,6 +25,7 @@ from pydantic import BaseModel
 
 from stridetwin.streams.bounded import LARGEST_SETTING, read_bytes
 from stridetwin.streams.calibration_limits import check_camera, check_imu, check_mount
+from stridetwin.streams.camera_matrix import convert_camera_matrix, is_camera_matrix
 from stridetwin.streams.errors import ConfigError, ConfigFileError, Missing, StrideTwinError
 from stridetwin.streams.files import atomic_file
 from stridetwin.streams.foreign_calibration import Converted, convert_calibration
@@ -38,7 +40,8 @@ from stridetwin.streams.kalibr_sections import (
     ImuSection,
     make_document_model,
 )
-from stridetwin.streams.lenses import COEFFICIENTS, Lens, to_rig_lens
+from stridetwin.streams.lenses import COEFFICIENTS, EXACT_FIT_PX, WORST_FIT_PX, Lens, to_rig_lens
+from stridetwin.streams.opencv_xml import is_opencv_xml, parse_opencv_xml
 from stridetwin.streams.realsense_calibration import (
     convert_realsense_json,
     convert_realsense_text,
@@ -54,12 +57,20 @@ PLAIN_BODY = "imu0"
 """Body of all sensors of a plain Kalibr calibration: the frame of its IMU."""
 _WANTED = (
     f"a Kalibr calibration with cam0, ..., imu0, ... or {OURS}, "
-    "or one of OpenVINS, VINS-Fusion, ORB-SLAM3, Basalt, RealSense, EuRoC or ROS"
+    "or one of OpenVINS, VINS-Fusion, ORB-SLAM3, Basalt, RealSense, EuRoC, ROS, OpenCV or MATLAB (JSON)"
 )
-_WORST_FIT_PX = 3.0
-"""Largest error of a lens that is approximated, px."""
-_EXACT_FIT_PX = 0.01
-"""An error up to this is not worth a warning."""
+_OTHER_FILES = (
+    (re.compile(r"Normalized Residuals|^T_ci:", re.MULTILINE), "Kalibr's report", "camchain-imucam.yaml beside it"),
+    (re.compile(r"%PDF"), "a PDF", "the YAML files beside it, such as Kalibr's camchain-imucam.yaml"),
+    (re.compile(r"Stream Profiles supported"), "the list of a RealSense's modes", "output of rs-enumerate-devices -c"),
+)
+"""Files beside a calibration: what is in them, what they are, and what to give."""
+_CONTENT = re.compile(r"^[ \t]*[^#\s]", re.MULTILINE)
+"""A line that is neither empty nor a comment."""
+_YAML_SUFFIXES = (".yaml", ".yml", ".json")
+_MOST_KEYS = 10
+"""Most keys of a file that an error lists."""
+_DOCUMENT_END = re.compile(r"^---[ \t]*(?:#.*)?$|^\.\.\.[ \t]*$", re.MULTILINE)
 
 
 def rig_to_yaml(rig: Rig) -> str:
@@ -207,6 +218,11 @@ def _read_sections(file: Path, sizes: Collection[tuple[int, int]]) -> Converted:
     text = _read_calibration_text(file)
     if is_realsense_text(text):
         return convert_realsense_text(text, str(file), sizes)
+    if is_opencv_xml(text):
+        return _sort_keys(parse_opencv_xml(text, str(file)), str(file), None, sizes)
+    for pattern, what, valid in _OTHER_FILES:
+        if pattern.search(text):
+            raise ConfigError(file, "", what, valid)
 
     def read_neighbour(name: str) -> dict[str, object]:
         """The plain data of another file of the same folder; a flat IMU is moved under `imu0`."""
@@ -216,7 +232,30 @@ def _read_sections(file: Path, sizes: Collection[tuple[int, int]]) -> Converted:
             raise ConfigError(beside, "", document, "a part of a calibration")
         return document
 
-    return _sort_keys(parse_yaml(text, str(file)), str(file), read_neighbour, sizes)
+    return _sort_keys(_parse_first_document(text, str(file)), str(file), read_neighbour, sizes)
+
+
+def _parse_first_document(text: str, source: str) -> object:
+    """The plain data of a text with one YAML document, or of the first of several messages that ROS has printed.
+
+    Raises:
+        StrideTwinError: It is no YAML, or has several documents; or a file with another ending is none.
+    """
+    end = next(
+        (mark.start() for mark in _DOCUMENT_END.finditer(text) if _CONTENT.search(text[: mark.start()])), len(text)
+    )
+    is_single = _CONTENT.search(_DOCUMENT_END.sub("", text[end:])) is None
+    try:
+        document = parse_yaml(text[:end], source)
+    except ConfigError:
+        raise
+    except StrideTwinError:
+        if Path(source).suffix.lower() in _YAML_SUFFIXES:
+            raise
+        raise ConfigError(source, "", "other text than YAML or JSON", _WANTED) from None
+    if not is_single and not (isinstance(document, dict) and is_camera_matrix(document)):
+        raise ConfigError(source, "", "several documents, separated by ---", "one document")
+    return document
 
 
 def _read_calibration_text(file: Path) -> str:
@@ -227,6 +266,10 @@ def _read_calibration_text(file: Path) -> str:
     Raises:
         StrideTwinError: The file cannot be read, or is too large.
     """
+    if os.path.isdir(file):  # false for a name that the system refuses, which reading reports
+        names = sorted(entry.name for entry in file.iterdir() if entry.suffix.lower() in _YAML_SUFFIXES)
+        has = f"{', '.join(names[:_MOST_KEYS])}" if names else "none"
+        raise ConfigError(file, "", "a folder", f"a calibration file; those inside: {has}")
     data = read_bytes(file, LARGEST_SETTING)
     is_utf_16 = data.startswith((b"\xff\xfe", b"\xfe\xff"))
     text = data.decode("utf-16" if is_utf_16 else "utf-8", errors="replace")
@@ -247,15 +290,28 @@ def _sort_keys(
     document = _wrap_flat_imu(document)
     if not isinstance(document, dict):
         raise ConfigError(source, "", document, _WANTED)
-    if not _is_kalibr(document):
-        converted = convert_calibration(document, source, read_neighbour)
-        if converted is None and is_realsense_json(document):
-            converted = convert_realsense_json(document, source, sizes)
-        if converted is None or not converted.sections:
-            raise ConfigError(source, "", document, _WANTED)
-    else:
-        converted = Converted(sections=document)
+    if _is_kalibr(document):
+        return rename_keys(Converted(sections=document), source, is_plain=OURS not in document)
+    converted = convert_calibration(document, source, read_neighbour)
+    if converted is None and is_camera_matrix(document):
+        converted = convert_camera_matrix(document, source, sizes)
+    if converted is None and is_realsense_json(document):
+        converted = convert_realsense_json(document, source, sizes)
+    if converted is None or not converted.sections:
+        keys = [*list(document)[:_MOST_KEYS], *(["..."] if len(document) > _MOST_KEYS else [])]
+        raise ConfigError(source, "", f"keys {', '.join(keys)}", _WANTED)
+    _add_size(converted, sizes)
     return rename_keys(converted, source, is_plain=OURS not in document)
+
+
+def _add_size(converted: Converted, sizes: Collection[tuple[int, int]]) -> None:
+    """Gives cameras without a size that of the images, if these have one size, and says so."""
+    for name, section in converted.sections.items():
+        if name.startswith("cam") and isinstance(section, dict) and "resolution" not in section and len(sizes) == 1:
+            section["resolution"] = list(next(iter(sizes)))
+            converted.notes.append(
+                f"it has no size of the images: that of the recording's is taken, {section['resolution']}"
+            )
 
 
 def _is_kalibr(document: Mapping[str, object]) -> bool:
@@ -390,12 +446,12 @@ def _to_lens(name: str, camera: CameraSection, source: str, warn: Warn | None) -
     lens = to_rig_lens(
         camera.camera_model, camera.intrinsics, model, tuple(camera.distortion_coeffs), camera.resolution
     )
-    if not lens.error_px <= _WORST_FIT_PX:
-        valid = f"a lens that radtan or equidistant with four coefficients represents up to {_WORST_FIT_PX:g} px"
+    if not lens.error_px <= WORST_FIT_PX:
+        valid = f"a lens that radtan or equidistant with four coefficients represents up to {WORST_FIT_PX:g} px"
         raise ConfigError(
             source, f"{name}.distortion_coeffs", camera.distortion_coeffs, f"{valid}, which {given} is not"
         )
-    if lens.error_px > _EXACT_FIT_PX and warn is not None:
+    if lens.error_px > EXACT_FIT_PX and warn is not None:
         warn(f"{source}: {name}: {given} is fitted by {lens.model}, up to {lens.error_px:.2g} px off")
     return lens
 

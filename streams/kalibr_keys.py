@@ -8,6 +8,7 @@ from typing import Literal
 from stridetwin.streams.calibration_keys import Section, has_no_effect
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.foreign_calibration import NOISE, Converted
+from stridetwin.streams.matrix_fields import join_rows
 
 _CAMERA_KEYS = frozenset(
     (
@@ -87,7 +88,7 @@ def _rename_section(name: str, node: Section, number: int, is_camera: bool, resu
         ConfigError: Two of its keys are two spellings of one.
     """
     section: Section = {}
-    for key, value in node.items():
+    for key, value in _join_parts(node).items() if is_camera else node.items():
         ours = _to_kalibr_key(key, number, is_camera)
         if ours is None:
             if not _is_harmless(key, value):
@@ -99,6 +100,22 @@ def _rename_section(name: str, node: Section, number: int, is_camera: bool, resu
         if ours != key:
             result.places[f"{name}.{ours}"] = f"{name}.{key}"
     return section
+
+
+def _join_parts(node: Section) -> Section:
+    """A camera's section with a rotation `R_imu_cam` and a translation `t_imu_cam` as one transform `T_imu_cam`.
+
+    A translation alone is no transform: its key, in lower case, is not used.
+    """
+    joined = dict(node)
+    for key in node:
+        if key.startswith("R_") and _find_transform_to_imu(f"T_{key[2:]}"):
+            other = next((name for prefix in "tp" if (name := f"{prefix}_{key[2:]}") in node), "")
+            rows = join_rows(node[key], node.get(other))
+            if rows is not None:
+                del joined[key], joined[other]
+                joined[f"T_{key[2:]}"] = rows
+    return joined
 
 
 def _to_kalibr_key(key: str, number: int, is_camera: bool) -> str | None:
@@ -113,6 +130,8 @@ def _to_kalibr_key(key: str, number: int, is_camera: bool) -> str | None:
 
 def _find_transform_to_imu(key: str) -> Literal["T_cam_imu", "T_imu_cam"] | None:
     """Which transform between camera and IMU a key of a camera's section means; None for another key."""
+    if key.startswith("t_"):  # a translation
+        return None
     if _TO_CAMERA.fullmatch(key):
         return "T_cam_imu"
     return "T_imu_cam" if _TO_IMU.fullmatch(key) else None

@@ -34,7 +34,20 @@ class KalibrSection(BaseModel):
     model_config = ConfigDict(frozen=True)
 
 
-_Transform = Annotated[RigidTransform, BeforeValidator(to_matrix_rows)]
+def _to_transform_rows(node: object) -> object:
+    """The four rows of a transform, as `to_matrix_rows` reads it.
+
+    Raises:
+        PydanticCustomError: It is a list of numbers that may be angles or a quaternion of unknown order.
+    """
+    if isinstance(node, list) and len(node) in (6, 7) and not any(isinstance(item, (list, dict)) for item in node):
+        raise field_error(
+            node, "rows of a matrix, or the keys px, py, pz, qx, qy, qz, qw, which say what each number is"
+        )
+    return to_matrix_rows(node)
+
+
+_Transform = Annotated[RigidTransform, BeforeValidator(_to_transform_rows)]
 """A transform in any of the forms of other tools."""
 _Distortion = Annotated[
     Literal["radtan", "equidistant", "fov", "none"],

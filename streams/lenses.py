@@ -7,7 +7,7 @@ Khomutenko et al. 2016 (eucm), Usenko et al. 2018 (ds), Devernay and Faugeras 20
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -98,6 +98,33 @@ def _rational_distortion(rays: Array, d: Array) -> tuple[Array, Array]:
     return radial[:, None], tangential
 
 
+def bin_and_crop(
+    intrinsics: Intrinsics,
+    size: tuple[int, int],
+    offset: tuple[int, int],
+    part: tuple[int, int],
+    binning: Sequence[int],
+) -> tuple[Intrinsics, tuple[int, int]]:
+    """Intrinsics and size of the images that a camera gives of a part of its sensor, with pixels joined.
+
+    ROS's CameraInfo has the intrinsics of the whole sensor beside the part and the binning (REP 104).
+
+    Args:
+        intrinsics: (fu, fv, pu, pv) of the whole sensor, px.
+        size: (width, height) of the whole sensor, px.
+        offset: First column and row of the part.
+        part: (width, height) of the part; 0 is all.
+        binning: Columns and rows that become one; 0 is 1.
+
+    Returns:
+        (fu, fv, pu, pv) and (width, height) of the images, px.
+    """
+    fu, fv, pu, pv = intrinsics
+    bu, bv = (max(1, count) for count in binning)
+    width, height = ((part[k] or size[k]) // b for k, b in enumerate((bu, bv)))
+    return (fu / bu, fv / bv, (pu - offset[0]) / bu, (pv - offset[1]) / bv), (width, height)
+
+
 DISTORTIONS: Mapping[str, str] = MappingProxyType(
     {
         **dict.fromkeys(("radtan", "plumb_bob", "radial-tangential", "radtan8", "rational_polynomial"), "radtan"),
@@ -120,6 +147,10 @@ _WIDEST = 1.5
 """Largest angle in rad between the optical axis and a ray at which lenses are compared."""
 _ANGLES, _AROUND = 91, 96
 """Rays of the comparison: angles from the axis, and directions around it."""
+WORST_FIT_PX = 3.0
+"""Largest error of a lens that is approximated, px."""
+EXACT_FIT_PX = 0.01
+"""An error up to this is not worth a warning."""
 _NEGLIGIBLE = 1e-9
 """Coefficients and parameters below this count as 0."""
 

@@ -57,17 +57,55 @@ def to_matrix_rows(node: object) -> object:
     """The four rows of a transform in a file of another tool; anything else is returned for the validation to refuse.
 
     Read are rows, three or four of them; 12 or 16 numbers row by row, also as OpenCV's `data`; a position `px, py, pz`
-    with a quaternion `qx, qy, qz, qw`, as Basalt writes it.
+    with a quaternion `qx, qy, qz, qw`, as Basalt writes it; a translation with a rotation, each under a name such as
+    `translation` and `R`, where a quaternion has the keys `x, y, z, w`.
     """
     if isinstance(node, dict) and isinstance(node.get("data"), list):
         node = node["data"]
     elif isinstance(node, dict) and set(node) == set(_POSE_KEYS):
         return _pose_to_rows(node)
+    elif isinstance(node, dict):
+        return _parts_to_rows(node)
     if isinstance(node, list) and len(node) in (12, 16) and not any(isinstance(item, list) for item in node):
         node = [node[i : i + 4] for i in range(0, len(node), 4)]
     if isinstance(node, list) and len(node) == 3 and all(isinstance(row, list) and len(row) == 4 for row in node):
         return [*node, [0.0, 0.0, 0.0, 1.0]]
     return node
+
+
+def _parts_to_rows(node: dict[str, object]) -> object:
+    """The four rows of a mapping with a translation and a rotation; the mapping itself if it has other parts."""
+    by_name = {key.lower(): value for key, value in node.items()}
+    p = next((by_name[name] for name in _TRANSLATIONS if name in by_name), None)
+    R = next((by_name[name] for name in _ROTATIONS if name in by_name), None)
+    if isinstance(p, dict) and set(p) == set("xyz"):
+        p = [p[axis] for axis in "xyz"]
+    if not isinstance(p, list) or len(by_name) != 2:
+        return node
+    if isinstance(R, dict):
+        q = {key.lower().removeprefix("q"): value for key, value in R.items()}
+        if len(p) != 3 or set(q) != set("xyzw"):
+            return node
+        rows = _pose_to_rows(dict(zip(_POSE_KEYS, [*p, *(q[axis] for axis in "xyzw")])))
+        return rows if isinstance(rows, list) else node
+    return join_rows(R, p) or node
+
+
+def join_rows(R: object, p: object) -> list[object] | None:
+    """The four rows of a rotation, as three rows or nine numbers, and a translation; None if they are none."""
+    if isinstance(R, dict):
+        R = R.get("data")
+    if isinstance(p, dict):
+        p = p.get("data")
+    if isinstance(R, list) and len(R) == 9 and not any(isinstance(item, list) for item in R):
+        R = [R[i : i + 3] for i in (0, 3, 6)]
+    if isinstance(p, list) and len(p) == 3 and all(isinstance(item, list) and len(item) == 1 for item in p):
+        p = [item[0] for item in p]
+    if not isinstance(R, list) or not isinstance(p, list) or len(R) != 3 or len(p) != 3:
+        return None
+    if not all(isinstance(row, list) and len(row) == 3 for row in R):
+        return None
+    return [*([*row, value] for row, value in zip(R, p, strict=True)), [0.0, 0.0, 0.0, 1.0]]
 
 
 def _pose_to_rows(pose: dict[str, object]) -> object:
@@ -97,6 +135,8 @@ def _is_rotation(R: Array) -> bool:
 _ROUNDED = 5e-3
 """Largest error of an orthogonality that three decimals explain."""
 _POSE_KEYS = ("px", "py", "pz", "qx", "qy", "qz", "qw")
+_TRANSLATIONS = ("translation", "position", "trans", "t", "p")
+_ROTATIONS = ("rotation", "orientation", "quaternion", "rot", "r", "q")
 _Row = tuple[Number, Number, Number, Number]
 _Three = tuple[Number, Number, Number]
 RotationMatrix = Annotated[Array, ReadAs(tuple[_Three, _Three, _Three], _to_rotation)]

@@ -29,7 +29,11 @@ _EXTRINSIC = re.compile(
     rf"((?:{_NUMBER}\s+){{9}})\s*Translation Vector:\s*({_NUMBER})\s+({_NUMBER})\s+({_NUMBER})"
 )
 _OTHER = re.compile(r'^\s*Motion Intrinsic of "([^"]+)"', re.MULTILINE)
-_LENS_KEYS = ("width", "height", "ppx", "ppy", "cx", "cy", "fx", "fy", "model", "distortion", "coeffs", "coefficients")
+_SHORT = {"width": "w", "height": "h"}
+_LENS_KEYS = frozenset(
+    ("width", "height", "w", "h", "ppx", "ppy", "cx", "cy", "fx", "fy")
+    + ("model", "distortion", "coeffs", "coefficients")
+)
 _LENS_NAMES = {"cx": "ppx", "cy": "ppy"}
 _CENTRES = ({"ppx", "ppy", "fx", "fy"}, {"cx", "cy", "fx", "fy"})
 """Fields that intrinsics have, with either name of the centre."""
@@ -190,8 +194,9 @@ def _read_text_lens(name: str, fields: Mapping[str, str], source: str) -> _Intri
 
 def _read_json_lens(path: str, fields: Mapping[str, object], source: str) -> _Intrinsic:
     """The lens of a mapping with librealsense's fields, by their names in lower case."""
+    place = path or "intrinsics"
     numbers = {
-        key: float(_read_numbers(f"{path}.{key}", [fields.get(key)], 1, source)[0])
+        key: float(_read_numbers(f"{place}.{key}", [fields.get(key, fields.get(_SHORT.get(key, "")))], 1, source)[0])
         for key in ("width", "height", "ppx", "ppy", "fx", "fy")
     }
     coefficients = fields.get("coeffs", fields.get("coefficients", []))

@@ -6,15 +6,25 @@ import math
 import sys
 from pathlib import Path
 
-from stridetwin.outputs.path.quaternion_order import is_inverse, steps_to_order, tilt_of_world
+from stridetwin.outputs.path.quaternion_order import (
+    is_inverse,
+    is_mirrored,
+    steps_to_order,
+    tilt_of_world,
+    turn_of_frame,
+)
 from stridetwin.outputs.truth import true_path
-from stridetwin.streams.formats.trajectory_columns import W_FIRST
+from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.formats.trajectory_columns import METRES, W_FIRST
 from stridetwin.streams.formats.trajectory_file import TrajectoryFile, read_trajectory
 from stridetwin.streams.formats.trajectory_options import NO_OPTIONS, TrajectoryOptions
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.trajectory import Trajectory
 
+_LEAST_SPREAD_M, _SAME_SPREAD = 0.3, 0.3
+"""Standard deviation of true positions from which the unit of others is checked, and how far the two may differ in the
+right one, as a share."""
 _TILTED_RAD = math.radians(20.0)
 """A world that is tilted by more has no z axis upwards; an estimate of gravity is never so wrong."""
 
@@ -70,6 +80,7 @@ def settle_order(
         may_tilt: The world may have any attitude.
 
     Raises:
+        ConfigError: The positions are in cm or mm.
         RecordingError: There is no truth of the frame.
     """
     truth = true_path(recording, frame)
@@ -78,6 +89,7 @@ def settle_order(
         return read
     poses = read.path[inside]
     true_poses = truth.at(poses.t_ns)
+    _check_length_unit(notes.path, poses, true_poses)
     tilt = tilt_of_world(poses, true_poses)
     step = 1 if read.order == W_FIRST else -1
     if steps_to_order(poses, true_poses, (step,), by_shape=not read.is_order_known):
@@ -89,12 +101,34 @@ def settle_order(
         notes.warn(ASSUMED_W_FIRST)
     if is_inverse(read.path[inside], true_poses):
         notes.warn("its attitudes are those of the world in the frame: expected the frame in the world, the inverse")
+    elif turn := turn_of_frame(read.path[inside], true_poses):
+        notes.warn(
+            f"its frame is turned by {math.degrees(turn):.0f}° from {frame} all the way, as that of a camera is: "
+            f"expected poses of {frame}, or --frame with the frame that they are of"
+        )
     elif tilt > _TILTED_RAD and not may_tilt:
         notes.warn(
             f"its world's z axis is {math.degrees(tilt):.0f}° off the vertical, as in the world of a camera's first "
             "image: --align se3 rotates it; if the quaternion has another order, --quaternion says it"
         )
+    elif not may_tilt and is_mirrored(read.path[inside], true_poses):
+        notes.warn("its way is the true one with left and right exchanged: expected a right-handed world with z up")
     return read
+
+
+def _check_length_unit(file: Path, poses: Trajectory, true_poses: Trajectory) -> None:
+    """Refuses positions that spread 100 or 1000 times as far as the true ones at the same stamps.
+
+    Raises:
+        ConfigError: They do; the message has the option that says their unit.
+    """
+    spread, true_spread = (float(path.p_frame_in_world.std(axis=0).max()) for path in (poses, true_poses))
+    if true_spread < _LEAST_SPREAD_M:
+        return
+    for unit in ("cm", "mm"):
+        if abs(spread * METRES[unit] / true_spread - 1.0) < _SAME_SPREAD:
+            seen = f"{spread / true_spread:.0f} times as far apart as the true ones"
+            raise ConfigError(file, "positions", seen, f"metres; --length-unit {unit} reads them as {unit}")
 
 
 def _with_right_order(read: TrajectoryFile, tilt: float, notes: Notes) -> TrajectoryFile:

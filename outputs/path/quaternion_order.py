@@ -22,6 +22,8 @@ _MIN_ERROR_RAD, _RATIO, _MAX_POSES = 0.09, 3.0, 1000
 must then be, and how many poses are compared."""
 _LEAST_M, _NO_WORSE = 1e-3, 1.5
 """A smaller difference of the shapes is one of rounding, and a misfit up to so many times the other is no worse."""
+_LEAST_MIRROR_M, _MIRROR_RATIO = 1.0, 5.0
+"""A mirrored way is at least so far from the true one, RMS, and so many times as far as when it is mirrored again."""
 _TILTED_RAD, _UPRIGHT_RAD = math.radians(40.0), math.radians(20.0)
 """Least tilt of the attitude in a wrong order, which is mostly half a turn, and largest one in the right order."""
 
@@ -92,6 +94,49 @@ def is_inverse(estimate: Trajectory, truth: Trajectory) -> bool:
     estimate, truth = estimate[every], truth[every]
     error = _turning_error(estimate.q_world_frame, truth)
     return error > _MIN_ERROR_RAD and _RATIO * _turning_error(estimate.q_world_frame * [1, -1, -1, -1], truth) < error
+
+
+def turn_of_frame(estimate: Trajectory, truth: Trajectory) -> float:
+    """Angle, rad, by which the frame of an estimate is turned from that of the truth all the way; 0 if it is not.
+
+    It is then the frame of another sensor, such as of a camera. A world of another attitude turns all attitudes from
+    the other side, which differs from it as soon as the frame turns.
+
+    Args:
+        estimate: N poses in a world of their own.
+        truth: The true poses at the same stamps.
+    """
+    every = slice(None, None, 1 + len(truth) // _MAX_POSES)
+    paths = (estimate[every], truth[every])
+    of_estimate, of_truth = (Rotation.from_quat(path.q_world_frame, scalar_first=True) for path in paths)
+    in_frame, in_world = of_truth.inv() * of_estimate, of_estimate * of_truth.inv()
+    mean = in_frame.mean()
+    turn = float(mean.magnitude())
+    if turn < _UPRIGHT_RAD or _spread(in_frame) > _MIN_ERROR_RAD or _spread(in_world) < _RATIO * _MIN_ERROR_RAD:
+        return 0.0
+    return turn
+
+
+def is_mirrored(estimate: Trajectory, truth: Trajectory) -> bool:
+    """Whether the ways on the ground agree only with left and right exchanged, as those of a left-handed world do.
+
+    Args:
+        estimate: N poses in a world of their own whose z axis is up.
+        truth: The true poses at the same stamps.
+    """
+    ways = [path.p_frame_in_world[:, :2] - path.p_frame_in_world[:, :2].mean(axis=0) for path in (estimate, truth)]
+    H = ways[0].T @ ways[1]
+    if np.linalg.det(H) >= 0.0:
+        return False
+    s1, s2 = np.linalg.svd(H, compute_uv=False)  # by the Procrustes problem with a rotation, and with a reflection
+    size = float(sum(np.sum(way**2) for way in ways))
+    rotated_m, mirrored_m = (math.sqrt(max(0.0, size - 2.0 * fit) / len(truth)) for fit in (s1 - s2, s1 + s2))
+    return rotated_m > max(_LEAST_MIRROR_M, _MIRROR_RATIO * mirrored_m)
+
+
+def _spread(rotations: Rotation) -> float:
+    """Mean angle of rotations from their mean, rad."""
+    return float((rotations.mean().inv() * rotations).magnitude().mean())
 
 
 def tilt_of_world(estimate: Trajectory, truth: Trajectory) -> float:

@@ -9,7 +9,7 @@ and, if there is one, another unit, axis, start or direction that gives a way.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
 from typing import Annotated, Any
@@ -34,6 +34,7 @@ _SAMPLE_M = 0.005  # spacing of the samples along the way
 _MIN_JUMP_M = 0.015  # between neighbouring samples: steeper than any ramp
 _MAX_STRAIGHT_ERROR_M = 0.003  # largest distance of a sample from a level or ramp
 _MAX_LEVEL_RISE_M = 0.004  # largest rise of a level
+_HEADROOM_M = (0.02, 1.9)  # a surface between these above the ground leaves no room to walk
 _MIN_NORMAL_UP = 0.5  # least upward part of a walkable triangle's normal
 _REACH_M = 0.45  # surfaces higher than this above the last sample are not ground
 _MAX_TREAD_DIFFERENCE_M = 0.01  # largest difference of equal treads
@@ -41,6 +42,11 @@ _MAX_TREAD_M = 0.6  # deeper ones are levels
 _MIN_HALF_WAY_M = 0.5  # half of the shortest way
 _ROWS: tuple[float, ...] = (-0.9, -0.45, 0.0, 0.45, 0.9)  # lines along the way, in half widths from its middle
 MeshSegment = Level | Ramp | Stairs
+UP_AXES = ("z", "y", "x", "-z", "-y", "-x")
+"""Axes of a mesh that may point up."""
+_COMMON_UP = UP_AXES[:2]
+"""Those of CAD programs and of films and games."""
+_FARTHEST_START_M = 1000.0
 _Start = Annotated[Number, Field(ge=-1000, le=1000)]
 _UNITS = {"m": 1.0, "mm": 1e-3, "cm": 0.01, "in": 0.0254, "inch": 0.0254, "ft": 0.3048}
 """Metres per unit of a mesh, by the unit's name in a file."""
@@ -59,7 +65,8 @@ class MeshWay:
     Attributes:
         path: The mesh.
         scale: Metres per unit of the mesh: m, cm, mm, in, inch, ft, or a number.
-        up: `z` or `y`, the axis that points up; by default `y` for glTF, whose format says so, else `z`.
+        up: The axis that points up: `z`, `y`, `x`, `-z`, `-y` or `-x`; by default `y` for glTF, whose format says so,
+            else `z`.
         start_m: Start of the way, in the plane across that axis.
         heading_rad: Its direction there.
         length_m: Length of the way; None for the rest of the mesh.
@@ -67,14 +74,14 @@ class MeshWay:
 
     path: Annotated[InputFile, Field(alias="file")]
     scale: Annotated[float, ReadAs(_Unit), Field(alias="unit")] = 1.0
-    up: Annotated[str | None, OneOf(("z", "y"))] = None
+    up: Annotated[str | None, OneOf(UP_AXES)] = None
     start_m: tuple[_Start, _Start] = (0.0, 0.0)
     heading_rad: Annotated[Number, Field(ge=-360, le=360, alias="heading_deg"), DEGREES] = 0.0
     length_m: Annotated[Number | None, Field(ge=1, le=500)] = None
 
     @property
     def vertical_axis(self) -> str:
-        """The axis of the mesh that points up, `z` or `y`."""
+        """The axis of the mesh that points up, one of `UP_AXES`."""
         return self.up or ("y" if self.path.suffix.lower() in GLTF_SUFFIXES else "z")
 
 
@@ -91,7 +98,8 @@ def mesh_terrain(way: MeshWay, width_m: float) -> tuple[tuple[MeshSegment, ...],
     """
     triangles = read_triangles(way.path)
     try:
-        return _replace_mesh(triangles, way, width_m)
+        segments, summary = _replace_mesh(triangles, way, width_m)
+        return segments, summary + _say_if_upside_down(triangles, way, width_m, segments)
     except ConfigError as error:
         advice = _describe_place(triangles, way, width_m)
         raise ConfigError(error.source, error.field, error.value, f"{error.valid}; {advice}") from error
@@ -110,12 +118,15 @@ def _replace_mesh(triangles: Array, way: MeshWay, width_m: float) -> tuple[tuple
     """
     corners = _to_way_frame(way.scale * triangles, way)
     if not np.all(np.abs(corners) < _FARTHEST_M):
-        raise ConfigError(way.path, "coordinates", "far away", f"numbers within {_FARTHEST_M:g} m")
+        raise ConfigError(
+            way.path, "coordinates", "far away", f"numbers within {_FARTHEST_M:g} m; move the mesh to its origin"
+        )
     length = way.length_m or float(corners[:, :, 0].max()) - _SAMPLE_M
     if not 2 * _MIN_HALF_WAY_M < length < 500.0:
         raise ConfigError(way.path, "length of the way", round(length, 3), f"{2 * _MIN_HALF_WAY_M:g}-500 m")
     s = np.arange(0.0, length, _SAMPLE_M)
-    heights = np.column_stack([_cut_profile(corners, s, 0.5 * width_m * share, way) for share in _ROWS])
+    facing = _find_facing(_cut_surfaces(corners, s, 0.0))
+    heights = np.column_stack([_cut_profile(corners, s, 0.5 * width_m * share, facing, way) for share in _ROWS])
     # (N, 5) m, relative to the start of the middle line
     heights -= heights[0, len(_ROWS) // 2]
     segments = _divide_into_segments(s, heights[:, len(_ROWS) // 2], way)
@@ -130,10 +141,24 @@ def _replace_mesh(triangles: Array, way: MeshWay, width_m: float) -> tuple[tuple
     return segments, summary
 
 
+def _say_if_upside_down(triangles: Array, way: MeshWay, width_m: float, segments: Sequence[MeshSegment]) -> str:
+    """A part of the summary for a mesh without stairs that has some on its underside; "" for any other mesh."""
+    if any(isinstance(segment, Stairs) for segment in segments) or len(triangles) > _MOST_TRIED_TRIANGLES:
+        return ""
+    axis = way.vertical_axis
+    opposite = replace(way, up=axis.removeprefix("-") if axis.startswith("-") else f"-{axis}")
+    try:
+        other, _ = _replace_mesh(triangles, opposite, width_m)
+    except ConfigError:
+        return ""
+    has_stairs = any(isinstance(segment, Stairs) for segment in other)
+    return f"; there are stairs on its underside: `up: {opposite.up}` if it is upside down" if has_stairs else ""
+
+
 # Which other ways are tried on a mesh without a way, for the message.
 _MOST_TRIED_TRIANGLES = 20_000
 _LONGEST_TRIED_M = 60.0
-_TRIED_UNITS = ("m", "cm", "mm", "in")
+_TRIED_UNITS = ("m", "cm", "mm", "in", "ft")
 _INSET_M = 0.01  # of a start from the edge of the mesh
 
 
@@ -148,8 +173,8 @@ def _describe_place(triangles: Array, way: MeshWay, width_m: float) -> str:
     low, high = way.scale * triangles.min((0, 1)), way.scale * triangles.max((0, 1))
     size = " x ".join(f"{v:.4g}" for v in high - low)
     place = ", ".join(f"{a:.4g} to {b:.4g}" for a, b in zip(low, high))
-    keys = "`up: y` or `up: z`, `unit` (m, cm, mm, in, or metres per unit), `start_m` and `heading_deg` say how it lies"
-    other_way = next(_find_ways(triangles, way, width_m), "")
+    keys = "`up: y` or another axis, `unit` (m, cm, mm, in, ...), `start_m` and `heading_deg` say how it lies"
+    other_way = _choose_way(_find_ways(triangles, way, width_m))
     advice = (
         f"there is a way with {other_way}" if other_way else f"there is no way of `width_m: {width_m:g}` with others"
     )
@@ -157,8 +182,20 @@ def _describe_place(triangles: Array, way: MeshWay, width_m: float) -> str:
     return f"the mesh is {size} m along its x, y, z ({place}), {reading}; {keys}: {advice}"
 
 
-def _find_ways(triangles: Array, way: MeshWay, width_m: float) -> Iterator[str]:
+def _choose_way(ways: Iterable[tuple[str, bool]]) -> str:
+    """The first of some ways that has stairs, else the first of all; "" without any."""
+    first = ""
+    for text, has_stairs in ways:
+        if has_stairs:
+            return text
+        first = first or text
+    return first
+
+
+def _find_ways(triangles: Array, way: MeshWay, width_m: float) -> Iterator[tuple[str, bool]]:
     """Yields the keys and values of a scenario that give a way where the user's do not, those nearest to them first.
+
+    Beside each is whether the way has stairs, as levels alone may be a side or the underside of a mesh.
 
     Args:
         triangles: (T, 3, 3) corners, in the unit and axes of the file.
@@ -167,7 +204,7 @@ def _find_ways(triangles: Array, way: MeshWay, width_m: float) -> Iterator[str]:
     """
     if len(triangles) > _MOST_TRIED_TRIANGLES:
         return
-    ups = sorted(("z", "y"), key=lambda up: up != way.vertical_axis)
+    ups = sorted(UP_AXES, key=lambda up: up != way.vertical_axis)
     units = sorted(_TRIED_UNITS, key=lambda unit: _UNITS[unit] != way.scale)
     lying = [replace(way, up=up, scale=_UNITS[unit]) for unit, up in product(units, ups)]
     started = [start for lie in lying for start in _start_at_edges(triangles, lie)]
@@ -176,10 +213,12 @@ def _find_ways(triangles: Array, way: MeshWay, width_m: float) -> Iterator[str]:
         if not 1.0 <= np.ptp(corners[:, :, 0]) <= _LONGEST_TRIED_M or np.ptp(corners[:, :, 1]) < width_m:
             continue
         try:
-            _replace_mesh(triangles, other_way, width_m)
+            segments, _ = _replace_mesh(triangles, other_way, width_m)
         except ConfigError:
             continue
-        yield _describe_keys(other_way, way)
+        has_stairs = any(isinstance(segment, Stairs) for segment in segments)
+        if has_stairs or other_way.vertical_axis in _COMMON_UP:  # a side or the underside of most meshes is level
+            yield _describe_keys(other_way, way), has_stairs
 
 
 def _start_at_edges(triangles: Array, way: MeshWay) -> Iterator[MeshWay]:
@@ -192,6 +231,8 @@ def _start_at_edges(triangles: Array, way: MeshWay) -> Iterator[MeshWay]:
         start = middle.copy()
         start[axis] = low[axis] + _INSET_M if sign > 0 else high[axis] - _INSET_M
         place = (round(float(start[0]), 3), round(float(start[1]), 3))
+        if max(map(abs, place)) > _FARTHEST_START_M:
+            continue
         heading = math.atan2(*(sign * (axis == k) for k in (1, 0)))
         yield replace(way, start_m=place, heading_rad=heading, length_m=None)
 
@@ -211,14 +252,70 @@ def _describe_keys(way: MeshWay, given: MeshWay) -> str:
 def _to_way_frame(corners: Array, way: MeshWay) -> Array:
     """(T, 3, 3) m, triangles in a frame with its origin at the start of the way, x along it, y to its left and z up."""
     x, y, z = np.moveaxis(corners, -1, 0)
-    if way.vertical_axis == "y":  # rotated about x by 90 degrees
-        y, z = -z, y
+    axis = way.vertical_axis
+    if axis.endswith("y"):  # rotated about x by a right angle
+        y, z = (-z, y) if axis == "y" else (z, -y)
+    elif axis.endswith("x"):
+        x, y, z = (y, z, x) if axis == "x" else (y, -z, -x)
+    elif axis == "-z":
+        y, z = -y, -z
     cos, sin = math.cos(way.heading_rad), math.sin(way.heading_rad)
     dx, dy = x - way.start_m[0], y - way.start_m[1]  # from the start of the way
     return np.stack([cos * dx + sin * dy, cos * dy - sin * dx, z], -1)
 
 
-def _cut_profile(corners: Array, s: Array, left: float, way: MeshWay) -> Array:
+_Surfaces = list[list[tuple[float, bool]]]
+"""Height, m, and whether it faces up, of each surface above or below each of some points."""
+
+
+def _cut_surfaces(corners: Array, s: Array, left: float) -> _Surfaces:
+    """All surfaces of a mesh that are about level, above and below the points of a line parallel to the way.
+
+    Args:
+        corners: (T, 3, 3) m, triangles in the frame of the way.
+        s: (N,) m along the way.
+        left: Distance of the line to the left of the way, m.
+    """
+    # triangles that have an area, are level, nearly, and that the line crosses
+    edges = corners[:, 1:] - corners[:, :1]
+    normal = np.cross(edges[:, 0], edges[:, 1])  # not of unit length; `size` is its length
+    size = np.linalg.norm(normal, axis=1)
+    flat = (size > 1e-12) & (np.abs(normal[:, 2]) > _MIN_NORMAL_UP * size)
+    near = flat & (corners[:, :, 1].min(1) <= left) & (corners[:, :, 1].max(1) >= left)
+    surfaces: _Surfaces = [[] for _ in s]
+    for (a, b, c), n in zip(corners[near], normal[near]):  # corners and normal of a triangle
+        # samples between its ends
+        first, last = np.searchsorted(s, [min(a[0], b[0], c[0]), max(a[0], b[0], c[0]) + 1e-9])
+        for i in range(first, last):
+            p = s[i], left
+            # the point is in the triangle, seen from above, if it is on the same side of all three edges
+            sides = [(q[0] - o[0]) * (p[1] - o[1]) - (q[1] - o[1]) * (p[0] - o[0]) for o, q in ((a, b), (b, c), (c, a))]
+            if min(sides) >= -1e-9 or max(sides) <= 1e-9:  # height of the triangle's plane at the sample
+                z = float(a[2] - (n[0] * (p[0] - a[0]) + n[1] * (p[1] - a[1])) / n[2])
+                surfaces[i].append((z, bool(n[2] > 0)))
+    return surfaces
+
+
+def _find_facing(surfaces: _Surfaces) -> bool:
+    """Whether surfaces that face up are the ground, as on any sound mesh; False for a mesh that is inside out.
+
+    It is inside out if at most points nothing faces up, or only what has a surface above it that faces down and leaves
+    no room to walk, as the undersides of its treads then do.
+    """
+    inside_out = [_is_covered(at_point) for at_point in surfaces if at_point]
+    return not inside_out or sum(inside_out) <= 0.5 * len(inside_out)
+
+
+def _is_covered(surfaces: Sequence[tuple[float, bool]]) -> bool:
+    """Whether no surface of a point faces up, or the highest one that does has no room above it."""
+    highest = max((z for z, faces_up in surfaces if faces_up), default=None)
+    if highest is None:
+        return True
+    low, high = _HEADROOM_M
+    return any(low < z - highest < high for z, faces_up in surfaces if not faces_up)
+
+
+def _cut_profile(corners: Array, s: Array, left: float, facing: bool, way: MeshWay) -> Array:
     """(N,) m, height of the ground on the mesh along a line parallel to the way.
 
     The first height is the surface nearest to 0. Then it is the highest surface that one step reaches from the last
@@ -228,37 +325,24 @@ def _cut_profile(corners: Array, s: Array, left: float, way: MeshWay) -> Array:
         corners: (T, 3, 3) m, triangles in the frame of the way.
         s: (N,) m along the way.
         left: Distance of the line to the left of the way, m.
+        facing: Whether the ground faces up, see `_find_facing`.
         way: The way, for messages.
 
     Raises:
         ConfigError: A hole in the mesh, or no ground in reach.
     """
-    # triangles that have an area, face up, nearly, and that the line crosses
-    edges = corners[:, 1:] - corners[:, :1]
-    normal = np.cross(edges[:, 0], edges[:, 1])  # not of unit length; `size` is its length
-    size = np.linalg.norm(normal, axis=1)
-    flat = (size > 1e-12) & (np.abs(normal[:, 2]) > _MIN_NORMAL_UP * size)
-    if np.any(flat & (normal[:, 2] > 0)):
-        flat &= normal[:, 2] > 0  # undersides are not ground; but if nothing faces up, the mesh is inside out
-    near = flat & (corners[:, :, 1].min(1) <= left) & (corners[:, :, 1].max(1) >= left)
-    heights_at: list[list[float]] = [[] for _ in s]  # m, of all surfaces above and below each sample
-    for (a, b, c), n in zip(corners[near], normal[near]):  # corners and normal of a triangle
-        # samples between its ends
-        first, last = np.searchsorted(s, [min(a[0], b[0], c[0]), max(a[0], b[0], c[0]) + 1e-9])
-        for i in range(first, last):
-            p = s[i], left
-            # the point is in the triangle, seen from above, if it is on the same side of all three edges
-            sides = [(q[0] - o[0]) * (p[1] - o[1]) - (q[1] - o[1]) * (p[0] - o[0]) for o, q in ((a, b), (b, c), (c, a))]
-            if min(sides) >= -1e-9 or max(sides) <= 1e-9:  # height of the triangle's plane at the sample
-                heights_at[i].append(float(a[2] - (n[0] * (p[0] - a[0]) + n[1] * (p[1] - a[1])) / n[2]))
+    surfaces = _cut_surfaces(corners, s, left)
     heights = np.empty(len(s))
-    last_z = min(heights_at[0], default=0.0, key=abs)
-    for i, surfaces in enumerate(heights_at):
-        reachable = [z for z in surfaces if abs(z - last_z) <= _REACH_M]
+    last_z = min((z for z, faces_up in surfaces[0] if faces_up == facing), default=0.0, key=abs)
+    for i, at_point in enumerate(surfaces):
+        reachable = [z for z, faces_up in at_point if faces_up == facing and abs(z - last_z) <= _REACH_M]
         if not reachable:
             where = f"{s[i]:.2f} m along, {left:+.2f} m to the left"
             valid = f"ground all along the way, without steps of more than {_REACH_M:g} m"
-            raise ConfigError(way.path, where, "no ground that can be stepped onto" if surfaces else "a hole", valid)
+            if any(abs(z - last_z) <= _REACH_M for z, _ in at_point):
+                valid += "; a surface there faces down: are some normals inverted (trimesh.repair.fix_normals)?"
+            has_ground = any(faces_up == facing for _, faces_up in at_point)
+            raise ConfigError(way.path, where, "no ground that can be stepped onto" if has_ground else "a hole", valid)
         heights[i] = last_z = max(reachable)
     return heights
 

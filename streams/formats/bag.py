@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
@@ -22,7 +23,7 @@ from stridetwin.streams.recording.index import Notes, Problem
 from stridetwin.streams.recording.mcap_scan import Messages
 from stridetwin.streams.recording.ros_types import Definitions, RosMessage, deserialise, typestore_for
 from stridetwin.streams.recording.topic_reader import READABLE, SHORTEST_HEADER, TopicReader, read_header_stamp
-from stridetwin.streams.samples import Accelerometer, Block, Depth, Image, Imu, Odometry, Sample
+from stridetwin.streams.samples import Accelerometer, Block, Depth, Image, Imu, Odometry, Sample, Stamps
 from stridetwin.streams.segments import segment_of, side_of
 
 # names of topics: our own, and those of ground truth (in lower case)
@@ -41,17 +42,19 @@ _PLACE_SENSORS: Mapping[type[Sample], tuple[str, tuple[re.Pattern[str], ...]]] =
     Depth: ("depth", _DEPTH),
 }
 """Our name of a sensor of the head or chest, and the names of topics that are preferred as it, by kind."""
+_NO_FRAMES: Mapping[str, str] = MappingProxyType({})
 _DEPTH_UNITS = re.compile(r"(.*)/option/Depth_Units/value")
 """Topic with the metres per unit of the depth images of a sensor, in RealSense's own files."""
 _INFRARED = re.compile(r"infra|(?<![a-z])ir(?![a-z])")
 """What the topics of infrared cameras contain, which are no colour cameras."""
 
 
-def assign_bag_topics(kinds: Mapping[str, type[Sample]]) -> dict[str, str]:
+def assign_bag_topics(kinds: Mapping[str, type[Sample]], frames: Mapping[str, str] = _NO_FRAMES) -> dict[str, str]:
     """Our topic for each of a bag's topics that has one.
 
     Args:
         kinds: Kind of samples by topic, in the order of the bag.
+        frames: Coordinate frame of each topic's messages, which tells the part of the body where the topic does not.
 
     Returns:
         IMUs and cameras whose names tell a foot with its side, the chest or the head (`segment_of`) become those of
@@ -68,7 +71,9 @@ def assign_bag_topics(kinds: Mapping[str, type[Sample]]) -> dict[str, str]:
             names[topic] = ours
             taken.add(ours)
 
-    foreign_topics = {t: segment_of(t) for t in kinds if t not in taken}  # with the part of the body that each tells
+    foreign_topics = {
+        t: segment_of(t) or segment_of(frames.get(t, "")) for t in kinds if t not in taken
+    }  # with the part of the body that each tells
     for topic, segment in foreign_topics.items():
         sensor = _FOOT_SENSORS.get(kinds[topic])
         if segment in ("foot_l", "foot_r") and sensor:
@@ -174,6 +179,10 @@ _WANTED = "sensor_msgs/msg/Imu, Image, CompressedImage or JointState, nav_msgs/m
 """What an error about a bag without samples expects."""
 _CONVERT = "convert it to ROS 2 messages first (such as rosbags-convert, or `ros2 bag convert`)"
 """What to do with messages of another encoding."""
+_FLOAT_DEPTH, _HEAD_BYTES = b"32FC1", 512
+"""Encoding of depth as floats, and in how many bytes of a message it is named."""
+_IMU, _MOST_FRAMES = "sensor_msgs/msg/Imu", 16
+"""Type of the messages that are divided by their frames, and most frames of one topic."""
 _FLOAT, _MILLIMETRE = "std_msgs/msg/Float32", 0.001
 """Type of the messages with RealSense's depth units, and the unit of depth images in m, unless another one is given."""
 
@@ -186,6 +195,7 @@ class _Stream(Generic[KeyT]):
 
     Attributes:
         times: Stamp of each message in ns, from its header or else the log time.
+        log_times: Log time of each message, ns.
 
     Raises:
         ValueError: The message definition cannot be parsed.
@@ -204,6 +214,7 @@ class _Stream(Generic[KeyT]):
         )
         self.is_image = self.reader is not None and self.reader.is_image
         self.times: list[int] = []
+        self.log_times: list[int] = []
         self.payloads: list[bytes] = []  # CDR bytes: of the first image, or of every other message
         self.keys: list[KeyT] = []  # by which the bag finds each message again
 
@@ -220,16 +231,18 @@ class _Stream(Generic[KeyT]):
         has_stamp = self.is_image and len(payload) >= SHORTEST_HEADER  # others are decoded later, with their stamps
         stamp = read_header_stamp(payload) if has_stamp else 0  # 0: none, or not set
         self.times.append(stamp or log_time)
+        self.log_times.append(log_time)
         self.keys.append(key)
 
 
-def read_bag(bag: Bag[KeyT], kind: str, notes: Notes) -> Source:
+def read_bag(bag: Bag[KeyT], kind: str, notes: Notes, per_metre: float | None = None) -> Source:
     """Reads the streams of a bag: small ones into memory, images as streams that are read on request.
 
     Args:
         bag: The open bag.
         kind: Name of its format, one of `FILE_FORMATS`.
         notes: Collects problems.
+        per_metre: Units of depth images per metre; None for mm in 16 bits and m in floats, or RealSense's units.
 
     Returns:
         Streams by the bag's topics, with our topic of each (`assign_bag_topics`), and the calibrations of its cameras.
@@ -240,6 +253,7 @@ def read_bag(bag: Bag[KeyT], kind: str, notes: Notes) -> Source:
     streams, unread = _open_streams(bag, notes)
     for topic, log_time, payload, key in bag.read_messages(set(streams)):
         streams[topic].add(log_time, payload, key)
+    streams = _divide_by_frames(streams, notes)
     images: dict[str, ImageStream] = {}
     blocks: dict[str, Block[Sample]] = {}
     calibration = BagCalibration(notes)
@@ -253,9 +267,13 @@ def read_bag(bag: Bag[KeyT], kind: str, notes: Notes) -> Source:
             elif stream.is_image:
                 # metres per unit of depth, by the sensor whose name the topic begins with
                 units = next((m for sensor, m in depth_units.items() if topic.startswith(f"{sensor}/")), _MILLIMETRE)
-                images[topic] = _to_image_stream(bag, stream, stream.reader, units)
+                if per_metre is not None:  # depth of floats is taken as m when it is decoded
+                    is_float = _FLOAT_DEPTH in stream.payloads[0][:_HEAD_BYTES]
+                    units = (_MILLIMETRE if is_float else 1.0) / per_metre
+                images[topic] = _to_image_stream(bag, stream, stream.reader, units, notes)
             else:
-                blocks[topic] = stream.reader.read_block(_to_messages(stream))
+                block = stream.reader.read_block(_to_messages(stream))
+                blocks[topic] = replace(block, t_ns=_replace_constant(topic, block.t_ns, stream.log_times, notes))
         except ValueError as error:
             notes.add_problem(Problem(topic, stream.times[0], f"cannot be decoded: {error}", len(stream.times)))
     blocks = join_gyro_and_accel(blocks, notes)
@@ -269,7 +287,7 @@ def read_bag(bag: Bag[KeyT], kind: str, notes: Notes) -> Source:
     kinds |= {topic: stream.kind for topic, stream in images.items()}
     if not any(map(len, blocks.values())) and not images and not notes.problems:
         raise _no_sample_error(bag.channels, streams, notes)
-    names = assign_bag_topics(kinds)
+    names = assign_bag_topics(kinds, frames)
     _report_choice_of_imu(kinds, names, notes)
     return Source(
         kind=kind,
@@ -280,6 +298,46 @@ def read_bag(bag: Bag[KeyT], kind: str, notes: Notes) -> Source:
         names=names,
         assumed=calibration.assumed,
     )
+
+
+def _divide_by_frames(streams: dict[str, _Stream[KeyT]], notes: Notes) -> dict[str, _Stream[KeyT]]:
+    """The streams, where each IMU of a topic with messages of several frames has one of its own, such as `/imu/left`.
+
+    Several sensors publish on one topic where the driver tells them apart by the frame in the header alone.
+    """
+    result: dict[str, _Stream[KeyT]] = {}
+    for topic, stream in streams.items():
+        frames = _list_frames(stream.payloads) if stream.channel.typename == _IMU else []
+        if not 1 < len(frames) <= _MOST_FRAMES:
+            result[topic] = stream
+            continue
+        named = ", ".join(frames)
+        notes.warn(f"{topic}: its messages are those of several sensors, by their frames {named}: each is a stream")
+        for payload, log_time, key in zip(stream.payloads, stream.log_times, stream.keys, strict=True):
+            frame = re.sub(r"[^A-Za-z0-9_]+", "_", _read_header_frame(payload)).strip("_") or "unnamed"
+            name = f"{topic}/{frame}"
+            part = result.setdefault(name, _Stream(replace(stream.channel, topic=name)))
+            part.add(log_time, payload, key)
+    return result
+
+
+def _list_frames(payloads: Sequence[bytes]) -> list[str]:
+    """The frames in the headers of messages, each once."""
+    if not payloads:
+        return []
+    end = _AFTER_STAMP + 4 + len(_read_header_frame(payloads[0])) + 1  # of the frame's length and name, with its zero
+    begin = payloads[0][_AFTER_STAMP:end]
+    if all(payload[_AFTER_STAMP:end] == begin for payload in payloads):
+        return [_read_header_frame(payloads[0])]
+    return list(dict.fromkeys(map(_read_header_frame, payloads)))
+
+
+def _replace_constant(topic: str, t_ns: Stamps, log_times: Sequence[int], notes: Notes) -> Stamps:
+    """Stamps (N,) ns, or the log times if a driver has given all messages the same stamp, which is reported."""
+    if len(t_ns) > 2 and len(t_ns) == len(log_times) and (t_ns == t_ns[0]).all() and log_times[0] < log_times[-1]:
+        notes.warn(f"{topic}: all stamps are {t_ns[0] * 1e-9:.3f} s: the times at which the messages arrived are taken")
+        return np.array(log_times, np.int64)
+    return t_ns
 
 
 def _no_sample_error(channels: Sequence[Channel], streams: Mapping[str, _Stream[KeyT]], notes: Notes) -> RecordingError:
@@ -373,7 +431,9 @@ def _read_depth_units(streams: Mapping[str, _Stream[KeyT]]) -> dict[str, float]:
     return units
 
 
-def _to_image_stream(bag: Bag[KeyT], stream: _Stream[KeyT], reader: TopicReader, units_m: float) -> ImageStream:
+def _to_image_stream(
+    bag: Bag[KeyT], stream: _Stream[KeyT], reader: TopicReader, units_m: float, notes: Notes
+) -> ImageStream:
     """A stream of images that are read from the bag again on request.
 
     Args:
@@ -381,9 +441,11 @@ def _to_image_stream(bag: Bag[KeyT], stream: _Stream[KeyT], reader: TopicReader,
         stream: Stamps and keys of the images, and the first image's bytes, which tell their kind.
         reader: Decoder of the topic.
         units_m: Metres per unit of depth images.
+        notes: Collects a stamp that all images have.
     """
     kind = reader.detect_image_kind(stream.payloads[0])
-    times, keys, source = np.array(stream.times, np.int64), stream.keys, stream.channel.topic
+    keys, source = stream.keys, stream.channel.topic
+    times = _replace_constant(source, np.array(stream.times, np.int64), stream.log_times, notes)
 
     def load(topic: str, i: int) -> Image | Depth:
         """Reads image `i` again, under a topic; depth, which is decoded as mm, gets its own unit."""

@@ -12,10 +12,10 @@ from pathlib import PurePosixPath
 
 import numpy as np
 
-from stridetwin.streams.formats.assumed_calibration import BODY, GIVE
+from stridetwin.streams.formats.assumed_calibration import BODY, GIVE, read_first_image_size
 from stridetwin.streams.formats.frame_intrinsics import choose_frame
 from stridetwin.streams.formats.transform_tree import TransformTree
-from stridetwin.streams.lenses import MOST_TERMS, Intrinsics, fit_radtan
+from stridetwin.streams.lenses import MOST_TERMS, Intrinsics, bin_and_crop, fit_radtan
 from stridetwin.streams.plausible import mean_rate
 from stridetwin.streams.recording.imported import ImageStream
 from stridetwin.streams.recording.index import Notes
@@ -136,25 +136,56 @@ class BagCalibration:
             T: (4, 4) pose of the optical frame in the IMU's frame, m.
             imu: Topic of that IMU; "" without one.
         """
-        intrinsics, d = _read_intrinsics(info), _read_field(info, "d")
+        intrinsics, size = self._fit_to_images(topic, stream, info, _read_intrinsics(info))
+        d = _read_field(info, "d")
         model = _MODELS.get(info.distortion_model.lower())
         if _RECTIFIED.search(topic.lower()):
-            intrinsics, model, four = self._read_rectified_intrinsics(topic, info, intrinsics), "radtan", np.zeros(4)
+            rectified = self._read_rectified_intrinsics(topic, info, _read_intrinsics(info))
+            intrinsics, _ = self._fit_to_images(topic, stream, info, rectified)
+            model, four = "radtan", np.zeros(4)
         else:
-            size = int(info.width), int(info.height)
             model, four = self._find_distortion(topic, info.distortion_model, model, d, intrinsics, size)
         return CameraCalibration(
             topic=topic,
             part="",
             rate_hz=mean_rate(stream.t_ns),
             mount=Mount(body=BODY, T_body_sensor=T),
-            width=int(info.width),
-            height=int(info.height),
+            width=size[0],
+            height=size[1],
             intrinsics=intrinsics,
             distortion_model=model,
             distortion=tuple(float(v) for v in four),  # type: ignore[arg-type]
             imu_topic=imu,
         )
+
+    def _fit_to_images(
+        self, topic: str, stream: ImageStream, info: RosMessage, intrinsics: Intrinsics
+    ) -> tuple[Intrinsics, tuple[int, int]]:
+        """Intrinsics and size of the images where these are a part of the sensor, or have joined pixels.
+
+        A CameraInfo has those of the whole sensor beside its binning and region of interest. Images of that whole size,
+        or of neither size, leave them as they are.
+
+        Args:
+            topic: Topic of the images.
+            stream: The images.
+            info: The CameraInfo.
+            intrinsics: (fu, fv, pu, pv) in pixels of the whole sensor.
+        """
+        whole = int(info.width), int(info.height)
+        roi = getattr(info, "roi", None)
+        if roi is None:  # a definition without these fields
+            return intrinsics, whole
+        offset, part = (int(roi.x_offset), int(roi.y_offset)), (int(roi.width), int(roi.height))
+        binning = int(info.binning_x), int(info.binning_y)
+        fitted, size = bin_and_crop(intrinsics, whole, offset, part, binning)
+        if size == whole or read_first_image_size(stream) != size:
+            return intrinsics, whole
+        width, height = size
+        self._notes.warn(
+            f"{topic}: images of {width} x {height} by the binning and region of interest of its CameraInfo"
+        )
+        return fitted, size
 
     def _read_rectified_intrinsics(self, topic: str, info: RosMessage, raw: Intrinsics) -> Intrinsics:
         """Intrinsics (fu, fv, pu, pv) in pixels of rectified images: those of the matrix P, or `raw` without one."""

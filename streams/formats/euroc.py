@@ -29,7 +29,7 @@ from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.fields import Count, NotNegative, Number, OneOf, Positive
 from stridetwin.streams.formats.assumed_calibration import BODY
 from stridetwin.streams.formats.derived import to_odometry
-from stridetwin.streams.formats.image_files import choose_camera, read_image_list, write_image
+from stridetwin.streams.formats.image_files import choose_camera, list_images, read_image_list, write_image
 from stridetwin.streams.formats.text_rows import (
     TextRow,
     parse_nanoseconds,
@@ -39,6 +39,7 @@ from stridetwin.streams.formats.text_rows import (
 )
 from stridetwin.streams.kalibr import write_rig
 from stridetwin.streams.kalibr_sections import ImuNoise
+from stridetwin.streams.lenses import COEFFICIENTS, DISTORTIONS, EXACT_FIT_PX, EXTRA_TERMS, WORST_FIT_PX, to_rig_lens
 from stridetwin.streams.matrix_fields import RigidTransform, to_matrix_rows
 from stridetwin.streams.recording.imported import ImageStream, Source
 from stridetwin.streams.recording.index import Notes
@@ -62,8 +63,6 @@ TRUTH_TOPIC = "/truth/head/imu/odometry"
 NAMES = {"imu0": "/head/imu", "cam0": "/head/color", "cam1": "/head/color_right"}
 """Our topic of a sensor, by its folder."""
 S = TypeVar("S", bound=BaseModel)
-_DISTORTIONS = {"radial-tangential": "radtan", "radtan": "radtan", "equidistant": "equidistant", "none": "radtan"}
-"""Our name of a distortion model, by that in a `sensor.yaml`."""
 _DESCRIPTIVE = ("sensor_type", "comment", "rate_hz", "camera_model")
 """Keys of a `sensor.yaml` that describe a sensor without being part of its calibration."""
 
@@ -101,12 +100,16 @@ def read_euroc(path: Path, notes: Notes) -> Source:
             if (imu := _read_sensor(folder, _ImuSensor, notes)) is not None:
                 imus[topic] = imu.to_calibration(topic)
         elif re.fullmatch(r"cam\d+", folder.name):
-            stream = read_image_list(folder / "data.csv", folder / "data", ",", parse_nanoseconds, notes)
+            listed, data = folder / "data.csv", folder / "data"
+            if listed.is_file() or not data.is_dir():
+                stream = read_image_list(listed, data, ",", parse_nanoseconds, notes)
+            else:
+                stream = list_images(data, parse_nanoseconds, notes)
             if not len(stream.t_ns):  # no image of the list exists
                 continue
             images[topic] = stream
             if (camera := _read_sensor(folder, _CameraSensor, notes)) is not None:
-                cameras[topic] = camera.to_calibration(topic)
+                cameras[topic] = camera.to_calibration(topic, folder / "sensor.yaml", notes)
     truth = next((n for n in GROUND_TRUTHS if (root / n / "data.csv").exists()), None)  # the folder that is read
     if truth is not None:
         blocks[TRUTH_TOPIC] = _read_truth(root / truth / "data.csv", notes)
@@ -233,17 +236,40 @@ class _ImuSensor(_Sensor, ImuNoise):
 class _CameraSensor(_Sensor):
     """A `sensor.yaml` of a camera: pose, pinhole intrinsics, image size and distortion."""
 
-    camera_model: Literal["pinhole"] = "pinhole"
-    intrinsics: tuple[Positive, Positive, Number, Number]
+    camera_model: Literal["pinhole", "omni", "eucm", "ds"] = "pinhole"
+    intrinsics: list[Number]
     resolution: tuple[Count, Count]
-    distortion_coefficients: Annotated[
-        tuple[Number, Number, Number, Number], BeforeValidator(lambda node: node or [0.0] * 4)
-    ] = (0.0, 0.0, 0.0, 0.0)
-    distortion_model: Annotated[str, OneOf(_DISTORTIONS)] = "radtan"
+    distortion_coefficients: Annotated[list[Number], BeforeValidator(lambda node: node or [])] = []
+    distortion_model: Annotated[str, OneOf([name for name in DISTORTIONS if name])] = "radtan"
     rate_hz: NotNegative = 0.0
 
-    def to_calibration(self, topic: str) -> CameraCalibration:
-        """The calibration of the camera of a topic."""
+    def to_calibration(self, topic: str, file: Path, notes: Notes) -> CameraCalibration:
+        """The calibration of the camera of a topic.
+
+        Args:
+            topic: Topic of the images.
+            file: The `sensor.yaml`, for errors.
+            notes: Collects the error of a lens that is fitted.
+
+        Raises:
+            ConfigError: The lens has too few or too many numbers, or is none that can be represented.
+        """
+        model, coefficients = DISTORTIONS[self.distortion_model], tuple(self.distortion_coefficients)
+        coefficients = coefficients or (0.0,) * COEFFICIENTS[model][0]
+        wanted = EXTRA_TERMS[self.camera_model] + 4
+        if len(self.intrinsics) != wanted or min(self.intrinsics[-4:-2]) <= 0:
+            valid = f"{wanted} numbers of {self.camera_model}, with focal lengths above 0"
+            raise ConfigError(file, "intrinsics", self.intrinsics, valid)
+        if len(coefficients) not in COEFFICIENTS[model]:
+            valid = f"{' or '.join(map(str, COEFFICIENTS[model]))} numbers of {model}"
+            raise ConfigError(file, "distortion_coefficients", list(coefficients), valid)
+        lens = to_rig_lens(self.camera_model, tuple(self.intrinsics), model, coefficients, self.resolution)
+        if not lens.error_px <= WORST_FIT_PX:
+            valid = f"a lens that radtan or equidistant with four coefficients represents up to {WORST_FIT_PX:g} px"
+            raise ConfigError(file, "distortion_coefficients", list(coefficients), valid)
+        if lens.error_px > EXACT_FIT_PX:
+            off = f"up to {lens.error_px:.2g} px off"
+            notes.warn(f"{file.parent.name}/{file.name}: {self.camera_model} is fitted by {lens.model}, {off}")
         return CameraCalibration(
             topic=topic,
             part=self.comment,
@@ -251,9 +277,9 @@ class _CameraSensor(_Sensor):
             mount=self.mount,
             width=self.resolution[0],
             height=self.resolution[1],
-            intrinsics=self.intrinsics,
-            distortion_model=self.distortion_model,
-            distortion=self.distortion_coefficients,
+            intrinsics=lens.intrinsics,
+            distortion_model=lens.model,
+            distortion=lens.distortion,
         )
 
 

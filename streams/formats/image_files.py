@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import zlib
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path, PurePath
 
 import cv2
@@ -23,6 +25,8 @@ from stridetwin.streams.samples import Depth, Image
 
 NONE = (0, 65535)
 """The two numbers of a depth image of 16 bits that mean no depth."""
+_ENDINGS = (".png", ".jpg", ".jpeg")
+_DRIVE = re.compile(r"[A-Za-z]:[\\/]")
 _PNG = b"\x89PNG\r\n\x1a\n"
 """First bytes of a PNG."""
 
@@ -123,6 +127,7 @@ def read_image_list(
     stamp: Callable[[str], int],
     notes: Notes,
     per_metre: float | None = None,
+    first: int | None = None,
 ) -> ImageStream:
     """Reads rows of a stamp and an image file name; images that are listed and missing are left out and reported.
 
@@ -133,6 +138,7 @@ def read_image_list(
         stamp: Converts a word to nanoseconds.
         notes: Collects invalid rows, which are omitted when lenient, and images that are not there.
         per_metre: Units of depth per metre; None for colour.
+        first: Place of the stamp, in rows of several images; None for rows of one.
 
     Raises:
         StrideTwinError: The list cannot be read, is empty, or a row is invalid, unless lenient.
@@ -142,8 +148,9 @@ def read_image_list(
     for row in rows:
         try:
             # a separator in the name has split it into several cells
-            path = _to_image_path(file, folder, row.line, (separator or " ").join(row.cells[1:]))
-            listed.append((parse_row_stamp(file, row.line, row.cells[0], stamp), path))
+            cells = row.cells if first is None else [*row.cells, "", ""][first : first + 2]
+            path = _to_image_path(file, folder, row.line, (row.separator or " ").join(cells[1:]))
+            listed.append((parse_row_stamp(file, row.line, cells[0], stamp), path))
         except ConfigError as error:
             notes.add_error(error)
     if not listed:
@@ -160,13 +167,37 @@ def select_existing(place: str, folder: Path, listed: list[tuple[int, Path]], no
         listed: Stamp in ns and path of each image.
         notes: Collects the warning.
     """
-    existing_files = [(t_ns, path) for t_ns, path in listed if _is_file(path)]
+    existing_files = [(t_ns, actual) for t_ns, path in listed if (actual := _find_image(path)) is not None]
     if len(existing_files) < len(listed):
-        first = next(path for _, path in listed if not _is_file(path)).relative_to(folder)
+        first = next(path for _, path in listed if _find_image(path) is None).relative_to(folder)
         count = len(listed) - len(existing_files)
         lacking = f"{count} of {len(listed)} images are listed and missing, the first of them {first}"
         notes.warn(f"{place}: {lacking}; they are left out")
     return existing_files
+
+
+def list_images(folder: Path, stamp: Callable[[str], int], notes: Notes, per_metre: float | None = None) -> ImageStream:
+    """A stream of the images of a folder without a list, whose names are their stamps; other files are left out.
+
+    Args:
+        folder: The folder.
+        stamp: Converts the name of an image without its ending to nanoseconds; ValueError for another name.
+        notes: Collects that there is no list.
+        per_metre: Units of depth per metre; None for colour.
+
+    Raises:
+        ConfigError: No image has a stamp as its name, unless lenient.
+    """
+    listed: list[tuple[int, Path]] = []
+    for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+        if path.suffix.lower() in _ENDINGS:
+            with suppress(ValueError):
+                listed.append((stamp(path.stem), path))
+    if listed:
+        notes.warn(f"{folder.parent.name}/{folder.name}: no list of images; their names are taken as stamps")
+    else:
+        notes.add_error(ConfigError(folder, "images", 0, "a list of them, or names that are stamps in ns"))
+    return open_image_stream(sorted(listed), per_metre)
 
 
 def open_image_stream(files: list[tuple[int, Path]], per_metre: float | None = None) -> ImageStream:
@@ -199,10 +230,21 @@ def _to_image_path(file: Path, folder: Path, line: int, name: str) -> Path:
         ConfigError: The name is empty, absolute, or leads out of the folder.
     """
     where, valid = f"line {line}, filename", f"an image inside {folder.name}/"
-    parts = PurePath(name).parts
-    if not parts or "\0" in name or ".." in parts or PurePath(name).is_absolute():
+    path = PurePath(name.replace("\\", "/"))  # also of Windows
+    is_absolute = path.is_absolute() or _DRIVE.match(name) is not None
+    if not path.parts or "\0" in name or ".." in path.parts:
         raise ConfigError(file, where, name, valid)
-    return folder / name
+    if not is_absolute:
+        return folder / path
+    inside = folder.joinpath(*path.parts[-2:])  # as on the machine that wrote the list
+    if len(path.parts) < 3 or _find_image(inside) is None:
+        raise ConfigError(file, where, name, valid)
+    return inside
+
+
+def _find_image(path: Path) -> Path | None:
+    """The image of a path, also with another usual ending; None without one."""
+    return next((p for p in (path, *(path.with_suffix(end) for end in _ENDINGS if path.stem)) if _is_file(p)), None)
 
 
 def _is_file(path: Path) -> bool:

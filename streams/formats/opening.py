@@ -25,6 +25,7 @@ from stridetwin.streams.formats.imu_folder import is_imu_folder
 from stridetwin.streams.formats.imu_table import read_imu_tables
 from stridetwin.streams.formats.imu_text import OPEN_SUFFIXES, SUFFIXES, TableRequest, is_imu_text
 from stridetwin.streams.formats.imu_unmeasured import leave_out_unmeasured
+from stridetwin.streams.formats.unknown_folder import VIDEO, describe_parent, describe_unknown
 from stridetwin.streams.kalibr import read_rig
 from stridetwin.streams.plausible import (
     IMAGE_RATES_HZ,
@@ -46,6 +47,7 @@ from stridetwin.streams.samples import (
     Footprint,
     Image,
     Imu,
+    Odometry,
     Point,
     Sample,
     is_increasing,
@@ -76,6 +78,7 @@ _LAYOUTS: Mapping[str, Callable[[Path], bool]] = {
 _AS_CSV = "export the table as CSV, in UTF-8, with the names and units of its columns"
 _UNREAD: Mapping[str, str] = {
     **dict.fromkeys((".xls", ".xlsx", ".ods", ".mat", ".json", ".parquet", ".h5", ".hdf5", ".feather"), _AS_CSV),
+    **dict.fromkeys((".mp4", ".mov", ".avi", ".mkv"), VIDEO),
     **dict.fromkeys((".zip", ".gz", ".7z", ".rar", ".tar", ".tgz", ".zst"), "unpack it first"),
 }
 """What to do about files of other kinds that may have a table."""
@@ -96,13 +99,16 @@ _WITH_DEPTH_SCALE = ("tum", "7scenes", "openloris", "strayscanner")
 _EVENTS = (Footprint, Point)  # irregular events
 _MOST_LISTED = 8
 """Most entries of a folder that an error lists."""
-_RECORDING_SUFFIXES = (".bag", ".mcap", ".db3", ".vrs")
-_PACKED_SUFFIXES = (".zstd", ".zst", ".zip", ".gz", ".tgz", ".tar", ".7z", ".bz2", ".r3d")
+_PART_SUFFIXES = (".txt", ".csv", ".yaml", ".png", ".jpg")
+"""Endings of files that are a part of a folder with a recording."""
+_VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv")
 _IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".exr", ".tif", ".tiff", ".pgm")
 _METADATA = "metadata.yaml"
 """File that describes a ROS 2 bag."""
 _REINDEX = "`ros2 bag reindex` writes it anew; without it, the files are read in the order of their names"
 """What to do about invalid metadata."""
+_NORM_ERROR = 0.1
+"""How far the norm of a quaternion may be off."""
 _SHORT = 0.05  # of the longest stream may be missing from another without a warning
 _FEWEST = 10  # samples needed to check a rate or a unit
 
@@ -115,7 +121,7 @@ class ImportOptions:
         kind: One of `FILE_FORMATS`; None detects it from the content.
         names: Topic of a stream, by its name in the source or its default topic.
         rig: Kalibr YAML whose calibrations replace those of the source.
-        depth_scale: Units of a folder's depth images per metre; None for the layout's.
+        depth_scale: Units of depth images per metre; None for those of the layout or of the messages' encoding.
         table: What the header of a table leaves open.
     """
 
@@ -162,6 +168,8 @@ def recognise(path: Path) -> str:
     kinds = ", ".join(FILE_FORMATS)
     numbered = f"; a text table of an IMU needs names of its columns, or their numbers: {OPTION} {NUMBERED}"
     hint = numbered if path.suffix in OPEN_SUFFIXES else ""
+    if path.suffix in _PART_SUFFIXES and (above := describe_parent(path, _find_layout)) is not None:
+        hint = f"; {above}"
     raise StrideTwinError(f"{path}: unknown content: expected a recording of one of the kinds {kinds}{hint}")
 
 
@@ -220,6 +228,9 @@ def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | N
         source = replace(
             source, blocks={topic: _bridge_inertial(topic, b, notes) for topic, b in source.blocks.items()}
         )
+    if own_file is None:
+        source = replace(source, blocks=_leave_out_paths(source, notes))
+        _report_unreadable(source, notes)
     better = _read_better_rig(path, source, options, streams, notes)  # calibrations from files
     rig = with_assumed_calibration(_merge_rigs(source.rig, better), source.blocks, source.images, notes, registered)
     for topic, text in source.assumed.items():
@@ -269,22 +280,8 @@ def _recognise_folder(path: Path) -> str:
         return kind
     kinds = ", ".join(known for known in FILE_FORMATS[2:] if known != "vrs")  # without those of single files
     raise StrideTwinError(
-        f"{path}: unknown layout: expected a folder of one of the kinds {kinds}; {_describe_folder(path)}"
+        f"{path}: unknown layout: expected a folder of one of the kinds {kinds}; {describe_unknown(path, _find_layout)}"
     )
-
-
-def _describe_folder(path: Path) -> str:
-    """What a folder of no known layout has, and what to give in its place, for a message."""
-    entries = sorted(path.iterdir())
-    recordings = [entry for entry in entries if entry.is_file() and entry.suffix in _RECORDING_SUFFIXES]
-    recordings += [entry for entry in entries[:_MOST_LISTED] if entry.is_dir() and _find_layout(entry)]
-    if recordings:
-        return f"it has recordings inside; give one of them: {', '.join(map(str, recordings[:_MOST_LISTED]))}"
-    if packed := [entry.name for entry in entries if entry.suffix in _PACKED_SUFFIXES]:
-        return f"{packed[0]} is packed: unpack it first"
-    names = [f"{entry.name}/" if entry.is_dir() else entry.name for entry in entries]
-    more = [f"and {len(names) - _MOST_LISTED} more"] if len(names) > _MOST_LISTED else []
-    return f"it has {', '.join([*names[:_MOST_LISTED], *more])}" if names else "it is empty"
 
 
 def _find_layout(path: Path) -> str | None:
@@ -329,13 +326,14 @@ def _read_source(path: Path, kind: str, options: ImportOptions, notes: Notes) ->
     if kind in _READERS:
         has_scale = kind in _WITH_DEPTH_SCALE and options.depth_scale
         return _READERS[kind](path, notes, **({"per_metre": options.depth_scale} if has_scale else {}))
-    return _read_bag(path, kind, notes)
+    return _read_bag(path, kind, notes, options.depth_scale)
 
 
 def _report_images(path: Path, notes: Notes) -> None:
     """Warns if a folder that is read as IMU tables has images, whose layout is none that is read."""
     entries = sorted(path.iterdir()) if path.is_dir() else []
     with_images = [f"{entry.name}/" for entry in entries if entry.is_dir() and _has_images(entry)]
+    with_images += [entry.name for entry in entries if entry.suffix.lower() in _VIDEO_SUFFIXES]
     if with_images:
         names = ", ".join(with_images[:_MOST_LISTED])
         notes.warn(f"read as IMU tables alone: the images in {names} have no layout that is read")
@@ -363,19 +361,19 @@ def _find_stridetwin_file(path: Path, is_plain: bool) -> Path | None:
     return files[0] if is_stridetwin_recording(files[0], if_damaged=is_plain) else None
 
 
-def _read_bag(path: Path, kind: str, notes: Notes) -> Source:
+def _read_bag(path: Path, kind: str, notes: Notes, per_metre: float | None) -> Source:
     """Reads an MCAP file, a ROS 1 bag, or a ROS 2 bag of MCAP or SQLite files, whose tables are checked first."""
     if kind == "mcap":
-        return read_bag(McapBag([path], notes), kind, notes)
+        return read_bag(McapBag([path], notes), kind, notes, per_metre)
     if kind == "rosbag1":
-        return read_bag(RosBag(path, True, notes), kind, notes)
+        return read_bag(RosBag(path, True, notes), kind, notes, per_metre)
     files = _list_bag_files(path) if path.is_dir() else [path]
     if not files:
         raise ConfigError(path, "", "no metadata.yaml, .db3 or .mcap", "a ROS 2 bag")
     if path.is_file() and path.suffix not in (".db3", ".mcap"):
         raise ConfigError(path, "", path.suffix, "a file .db3, as SQLite files of ROS 2 bags are called; rename it")
     if all(f.suffix == ".mcap" for f in files):
-        return read_bag(McapBag(files, notes), kind, notes)
+        return read_bag(McapBag(files, notes), kind, notes, per_metre)
     for file in files:  # before rosbags runs queries on them
         if file.suffix == ".db3":
             _check_database(file, notes)
@@ -383,8 +381,10 @@ def _read_bag(path: Path, kind: str, notes: Notes) -> Source:
         names = ", ".join(file.name for file in files)
         notes.warn(f"no {_METADATA}, as after a recorder that was killed; files that are read: {names}")
         parts = [RosBag(file, False, notes) for file in files]
-        return read_bag(parts[0], kind, notes) if len(parts) == 1 else read_bag(BagInParts(parts), kind, notes)
-    return read_bag(RosBag(path, False, notes), kind, notes)
+        if len(parts) > 1:
+            return read_bag(BagInParts(parts), kind, notes, per_metre)
+        return read_bag(parts[0], kind, notes, per_metre)
+    return read_bag(RosBag(path, False, notes), kind, notes, per_metre)
 
 
 def _check_database(file: Path, notes: Notes) -> None:
@@ -494,6 +494,37 @@ def _bridge_inertial(topic: str, block: Block[Sample], notes: Notes) -> Block[Sa
     return bridge_gaps(topic, leave_out_unmeasured(topic, block, notes), notes)
 
 
+def _leave_out_paths(source: Source, notes: Notes) -> dict[str, Block[Sample]]:
+    """The small streams of a source without paths that have no attitudes, as of a satellite receiver; these are named.
+
+    Raises:
+        StrideTwinError: Nothing else is left.
+    """
+    blocks = dict(source.blocks)
+    for topic, block in source.blocks.items():
+        if block.kind is not Odometry or not len(block):
+            continue
+        norm = np.linalg.norm(block.columns["q_world_frame"], axis=1)
+        is_off = np.isfinite(norm) & (np.abs(norm - 1.0) > _NORM_ERROR)  # other numbers are reported elsewhere
+        if is_off.any():
+            row = int(np.argmax(is_off))
+            seen = f"quaternion of row {row + 1} has the norm {norm[row]:.3g}, not 1"
+            notes.warn(f"{topic} is not read: the {seen}; {int(is_off.sum())} of {len(block)} poses have no attitude")
+            del blocks[topic]
+    if source.blocks and not blocks and not source.images:
+        raise RecordingError(f"{notes.path}: no readable sample: {'; '.join(notes.warnings)}")
+    return blocks
+
+
+def _report_unreadable(source: Source, notes: Notes) -> None:
+    """Warns of streams whose first image cannot be read, which would be an error only where it is used."""
+    for topic, images in source.images.items():
+        try:
+            images.load(topic, 0)
+        except (StrideTwinError, ValueError, IndexError) as error:
+            notes.warn(f"{topic}: its first image cannot be read: {error}")
+
+
 def _find_registered(source: Source, topics: Mapping[str, str]) -> set[str]:
     """Our topics of the depth streams that are registered to colour.
 
@@ -548,7 +579,10 @@ def _read_better_rig(path: Path, source: Source, options: ImportOptions, streams
         try:
             # it describes the source: its topics are the source's, even if others were given
             better, _ = match_rig(
-                read_rig(beside, warn=notes.warn, needs_rates=False), source.rig, streams, as_read=False
+                read_rig(beside, warn=notes.warn, sizes=_list_image_sizes(source.images), needs_rates=False),
+                source.rig,
+                streams,
+                as_read=False,
             )
         except StrideTwinError as error:
             notes.add_error(error)
@@ -587,7 +621,7 @@ def _check_plausible(source: Source, notes: Notes) -> None:
             notes.add_problem(Problem(topic, int(rising[0]), str(implausible)))
         if images.kind is Depth:
             for implausible in find_implausible_depth(_sample_depths(images)):
-                notes.warn(f"{topic}: {implausible}; {DEPTH_SCALE} N gives a folder's units per metre")
+                notes.warn(f"{topic}: {implausible}; {DEPTH_SCALE} N gives the units per metre")
 
 
 def _sample_depths(images: ImageStream) -> list[Array]:

@@ -22,6 +22,7 @@ from stridetwin.streams.formats.derived import check_overlap, join_at_gyro_stamp
 from stridetwin.streams.formats.image_files import read_image_list
 from stridetwin.streams.formats.opencv_yaml import read_opencv_yaml
 from stridetwin.streams.formats.text_rows import read_numbers, read_text_rows
+from stridetwin.streams.formats.trajectory_columns import find_pose_places
 from stridetwin.streams.formats.transform_tree import TransformTree
 from stridetwin.streams.formats.tum import parse_seconds
 from stridetwin.streams.matrix_fields import RigidTransform
@@ -53,7 +54,6 @@ _FRAMES = {COLOR: "d400_color_optical_frame", DEPTH: "d400_depth_optical_frame"}
 """The calibration files' name of each camera's frame."""
 _BASE = "base_link"
 _AXES = ("x", "y", "z")
-_POSE = ("tx", "ty", "tz", "qx", "qy", "qz", "qw")
 _SENSORS, _TRANSFORMS = "sensors.yaml", "trans_matrix.yaml"
 _DISTORTIONS = {"radial-tangential": "radtan", "radtan": "radtan", "equidistant": "equidistant", "none": "radtan"}
 """Our name of a distortion model, by that in `sensors.yaml`."""
@@ -140,8 +140,8 @@ def _read_truth(path: Path, frames: TransformTree, imu_frame: str, notes: Notes)
     if T_imu_base is None:
         notes.warn(f"{file.name} is not read: its poses are those of {_BASE}, whose place is not in {_TRANSFORMS}")
         return {}
-    _, rows = read_text_rows(file, None)
-    t_ns, table = read_numbers(file, rows, [(name, i) for i, name in enumerate(_POSE, 1)], parse_seconds, notes)
+    header, rows = read_text_rows(file, None)
+    t_ns, table = read_numbers(file, rows, find_pose_places(header), parse_seconds, notes)
     p, q = table[:, :3], table[:, [6, 3, 4, 5]]  # the quaternion as w, x, y, z
     return {TRUTH: to_odometry(TRUTH, t_ns, p, q, None, notes, file, T_imu_base)}
 

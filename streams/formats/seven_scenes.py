@@ -26,6 +26,7 @@ PER_METRE = 1000.0
 COLOR, DEPTH, TRUTH_TOPIC = "/head/color", "/head/depth", "/truth/head/color/odometry"
 _FRAME = re.compile(r"frame-(\d{1,9})\.(color\.(?:png|jpg|jpeg)|depth\.png|pose\.txt)")
 """A file of a frame: the number of the frame, and what the file contains with its ending."""
+_INTRINSICS = "camera-intrinsics.txt"
 _PUBLISHED = (585.0, 585.0, 320.0, 240.0)  # of the Kinect that took the published scenes, 640 x 480
 
 
@@ -35,6 +36,13 @@ def find_frames_folder(path: Path) -> Path | None:
         if folder.is_dir() and any(_FRAME.fullmatch(p.name) for p in folder.iterdir()):
             return folder
     return None
+
+
+def find_intrinsics(folder: Path) -> Path | None:
+    """The file of a camera matrix in a folder: `camera-intrinsics.txt`, or another one that is called so."""
+    names = sorted(file.name for file in folder.glob("*.txt") if "intrinsic" in file.name.lower())
+    names.sort(key=lambda name: name != _INTRINSICS)
+    return folder / names[0] if names else None
 
 
 def read_seven_scenes(path: Path, notes: Notes, per_metre: float = PER_METRE) -> Source:
@@ -135,7 +143,7 @@ def _read_rig(path: Path, folder: Path, images: dict[str, ImageStream]) -> Rig:
     depth_size = read_first_image_size(images[DEPTH]) if DEPTH in images else None
     color_size = read_first_image_size(images[COLOR]) if COLOR in images else None
     size = depth_size or color_size
-    file = next((f for p in (folder, path) if (f := p / "camera-intrinsics.txt").is_file()), None)
+    file = find_intrinsics(folder) or find_intrinsics(path)
     if size is None:
         return Rig()
     if file is not None:

@@ -15,6 +15,8 @@ from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.samples import Array, Stamps
 
+_HOMOGENEOUS = 4
+"""Rows of a camera matrix with a row and column more, as ScanNet has it."""
 LONGEST_STAMP = 19
 """Most digits of a stamp in ns: those of 2⁶³."""
 
@@ -43,7 +45,7 @@ def read_text_rows(path: Path, separator: str | None) -> tuple[list[str], list[T
 
     Args:
         path: The file.
-        separator: Between cells; None is any white space.
+        separator: Between cells; None is any white space. Lines without it are divided at another one that they have.
 
     Raises:
         StrideTwinError: The file cannot be read.
@@ -53,10 +55,20 @@ def read_text_rows(path: Path, separator: str | None) -> tuple[list[str], list[T
     for number, line in enumerate(read_lines(path, "utf-8-sig"), 1):
         content, mark, comment = line.partition("#")  # `mark` is "" without a comment
         if content := content.strip():
-            rows.append(TextRow(number, content, separator))
+            rows.append(TextRow(number, content, _choose_separator(content, separator)))
         elif mark and not rows:  # a comment above all rows
-            header = TextRow(number, comment.strip(), separator).cells
+            comment = comment.strip()
+            header = TextRow(number, comment, _choose_separator(comment, separator)).cells
     return header, rows
+
+
+def _choose_separator(line: str, usual: str | None) -> str | None:
+    """The separator of a line: the usual one of its format, or one in place of it; None is white space."""
+    if usual is None:
+        return "," if len(line.split()) == 1 and "," in line else None
+    if usual in line or len(line.split()) == 1:
+        return usual
+    return next((mark for mark in (";", "\t") if mark in line), None)
 
 
 def read_numbers(
@@ -147,7 +159,8 @@ def read_camera_matrix(path: Path, separator: str | None) -> tuple[float, float,
         StrideTwinError: The file cannot be read, or is no camera matrix.
     """
     valid = "fx 0 cx / 0 fy cy / 0 0 1 in pixels, focal lengths above 0"
-    K = read_matrix(path, separator, 3, valid)
+    _, rows = read_text_rows(path, separator)
+    K = read_matrix(path, separator, 4 if len(rows) == _HOMOGENEOUS else 3, valid)
     if min(K[0, 0], K[1, 1]) <= 0:
         raise ConfigError(path, "matrix", K.tolist(), valid)
     return float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])

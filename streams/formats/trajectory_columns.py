@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,11 +30,21 @@ _UNITS = {
     "nanoseconds": "ns",
 }
 """Units of stamps as headers spell them."""
+METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0, "ft": 0.3048, "in": 0.0254}
+"""Units of positions, and how many metres each has."""
 _UNIT = re.compile(r"[\[(]([^\])]*)[\])]")
 _TIME = re.compile(r"t|.*time.*|.*stamp.*|t_(s|ms|us|ns)|secs?|seconds?")
-_QUATERNION = re.compile(r"(?:.*_)?(?:q|quat|quaternion|orientation|rotation|rot)_?(?:rs_)?([wxyz])(?:_world_\w+)?")
-_POSITION = re.compile(r"(?:.*_)?(?:p|t|pos|position|trans|translation|location)_?(?:rs_r_)?([xyz])(?:_m|_world_\w+)?")
-_BARE_POSITION = re.compile(r"([xyz])(?:_m)?")
+_HEADER_STAMP = re.compile(r".*header_stamp")
+"""The stamp in the header of a ROS message, which is that of the measurement; the time beside it is of its arrival."""
+_SECONDS = re.compile(r"(.*_)?(?:secs?|seconds)")
+_NANOSECONDS = re.compile(r"(.*_)?(?:nsecs?|nanosecs?|nanoseconds)")
+_QUATERNION = re.compile(
+    r"(?:.*_)?(?:q|quat|quaternion|orientation|ori|attitude|att|rotation|rot)_?(?:rs_)?([wxyz])(?:_world_\w+)?"
+)
+_POSITION = re.compile(
+    r"(?:.*_)?(?:p|t|pos|position|pose|trans|translation|location|loc)_?(?:rs_r_)?([xyz])(?:_(?:mm|cm|m)|_world_\w+)?"
+)
+_BARE_POSITION = re.compile(r"([xyz])(?:_(?:mm|cm|m))?")
 _QUATERNION_NORM, _ORTHONORMAL = 0.1, 0.05
 """How far the norm of a quaternion, and the entries of a rotation times its transpose, may be off."""
 _EUROC, _KITTI, _SQUARE = 17, 12, 16
@@ -47,11 +57,13 @@ class Columns:
 
     Attributes:
         time: Of the stamp; None for a file without stamps.
+        nanoseconds: Of the part of the stamp below a second, ns, where it has a column of its own; else None.
         position: Of x, y, z; of a matrix the last column.
         quaternion: Of x, y, z, w; empty where the attitude is a matrix.
         matrix: Of the nine entries of the rotation by rows; empty where the attitude is a quaternion.
         is_order_known: The header, or the form of the file, fixes the order of the quaternion.
         unit: Unit of the stamps by the header; "" if it does not say it.
+        length_unit: Unit of the positions by the header, a key of `METRES`; "" if it does not say it.
     """
 
     time: int | None
@@ -60,6 +72,8 @@ class Columns:
     matrix: tuple[int, ...] = ()
     is_order_known: bool = False
     unit: str = ""
+    nanoseconds: int | None = None
+    length_unit: str = ""
 
 
 def columns_by_names(names: Sequence[str]) -> Columns | None:
@@ -75,14 +89,73 @@ def columns_by_names(names: Sequence[str]) -> Columns | None:
     if len(position) < 3 or len(quaternion) < 4:
         return None
     taken = {*position.values(), *quaternion.values()}
-    time = next((i for i, name in enumerate(plain) if _TIME.fullmatch(name) and i not in taken), None)
+    time, nanoseconds = _find_time({i: name for i, name in enumerate(plain) if i not in taken})
+    unit = "s" if nanoseconds is not None else "" if time is None else _unit_of(names[time])
     return Columns(
         time=time,
+        nanoseconds=nanoseconds,
         position=tuple(position[axis] for axis in "xyz"),
         quaternion=tuple(quaternion[axis] for axis in W_LAST),
         is_order_known=True,
-        unit="" if time is None else _unit_of(names[time]),
+        unit=unit,
+        length_unit=_length_unit_of(names[position["x"]]),
     )
+
+
+def find_pose_places(header: Sequence[str]) -> list[tuple[str, int]]:
+    """Names and places of `tx ty tz qx qy qz qw` after a stamp, by the header if it names them, else in this order."""
+    columns = columns_by_names(header)
+    places = range(1, 8) if columns is None else (*columns.position, *columns.quaternion)
+    return list(zip(("tx", "ty", "tz", "qx", "qy", "qz", "qw"), places))
+
+
+def _find_time(names: dict[int, str]) -> tuple[int | None, int | None]:
+    """Places of the stamp and of its part in ns, of names by their places; None for what is not there.
+
+    The stamp in a message's header counts before others, and one in two columns before the time of arrival beside it.
+    """
+    if (stamp := next((i for i, name in names.items() if _HEADER_STAMP.fullmatch(name)), None)) is not None:
+        return stamp, None
+    parts = {match[1]: i for i, name in names.items() if (match := _NANOSECONDS.fullmatch(name))}
+    for i, name in names.items():
+        if (match := _SECONDS.fullmatch(name)) and match[1] in parts:
+            return i, parts[match[1]]
+    return next((i for i, name in names.items() if _TIME.fullmatch(name)), None), None
+
+
+def columns_of_ros_echo(cells: Sequence[str]) -> Columns | None:
+    """The columns of a row of `ros2 topic echo --csv` of poses or odometry: sec, nanosec, frames, position, quaternion.
+
+    Returns:
+        None for another row.
+    """
+    if len(cells) < 10 or not all(cell.isdecimal() for cell in cells[:2]) or int(cells[1]) >= 10**9:
+        return None
+    start = 2 + sum(not is_number(cell) for cell in cells[2:4])
+    if start == 2 or not all(map(is_number, cells[start : start + 7])) or len(cells) < start + 7:
+        return None
+    return Columns(
+        time=0,
+        nanoseconds=1,
+        position=(start, start + 1, start + 2),
+        quaternion=tuple(range(start + 3, start + 7)),
+        is_order_known=True,
+        unit="s",
+    )
+
+
+def is_number(word: str) -> bool:
+    """Whether a word is a number, also NaN or infinite."""
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def is_name_of_time(name: str) -> bool:
+    """Whether the name of a column is one of stamps."""
+    return _TIME.fullmatch(_simplify(name)) is not None
 
 
 def _simplify(name: str) -> str:
@@ -106,6 +179,13 @@ def _unit_of(name: str) -> str:
     return _UNITS.get(word.strip().lower(), "")
 
 
+def _length_unit_of(name: str) -> str:
+    """The unit in the name of a position: `x [mm]`, `x(cm)` or `pos_x_mm`; "" without one."""
+    bracket = _UNIT.search(name)
+    word = (bracket[1] if bracket else name.rpartition("_")[2]).strip().lower()
+    return word if word in METRES else ""
+
+
 def columns_by_numbers(table: Array, *, has_commas: bool) -> Columns | None:
     """The columns of a table without names.
 
@@ -124,16 +204,19 @@ def columns_by_numbers(table: Array, *, has_commas: bool) -> Columns | None:
     if count < 7:
         return None
     start = int(count > 7)  # seven numbers are a pose without a stamp
+    if count > 8 and _counts_rows(table[:, 0]) and _is_unit(table, range(5, 9)) and not _is_unit(table, range(4, 8)):
+        start = 2  # the number of the row comes before its stamp
     place = Columns(
-        time=0 if start else None,
+        time=start - 1 if start else None,
         position=(start, start + 1, start + 2),
         quaternion=tuple(range(start + 3, start + 7)),
     )
     if not start and not _is_unit(table, place.quaternion):
         return None
     if start and not _is_unit(table, place.quaternion) and _is_unit(table, range(1, 5)):
-        # OpenVINS writes its state with the quaternion before the position
-        return Columns(time=0, position=(5, 6, 7), quaternion=(1, 2, 3, 4), is_order_known=True)
+        # OpenVINS writes its state with the quaternion before the position, and w last
+        before = Columns(time=0, position=(5, 6, 7), quaternion=(1, 2, 3, 4))
+        return with_order(before, W_FIRST) if _begins_with_identity(table, before.quaternion) else before
     is_first = _begins_with_identity(table, place.quaternion)
     w_first = has_commas and (count == _EUROC or _has_nanoseconds(table)) if is_first is None else is_first
     return with_order(place, W_FIRST) if w_first else place
@@ -143,14 +226,7 @@ def with_order(columns: Columns, order: str, *, is_known: bool = False) -> Colum
     """The columns with the quaternion in another order of the same four places: `xyzw` or `wxyz`."""
     places = sorted(columns.quaternion)
     by_axis = dict(zip(order, places))
-    return Columns(
-        time=columns.time,
-        position=columns.position,
-        quaternion=tuple(by_axis[axis] for axis in W_LAST),
-        matrix=columns.matrix,
-        is_order_known=is_known,
-        unit=columns.unit,
-    )
+    return replace(columns, quaternion=tuple(by_axis[axis] for axis in W_LAST), is_order_known=is_known)
 
 
 def order_of(columns: Columns) -> str:
@@ -192,6 +268,11 @@ def _begins_with_identity(table: Array, places: Sequence[int]) -> bool | None:
     if np.allclose(first, [1, 0, 0, 0], atol=1e-6):
         return True
     return False if np.allclose(first, [0, 0, 0, 1], atol=1e-6) else None
+
+
+def _counts_rows(numbers: Array) -> bool:
+    """Whether numbers (N,) are 0, 1, 2, ... or begin with another whole number."""
+    return bool(len(numbers) > 1 and np.all(np.diff(numbers) == 1.0) and numbers[0] == np.floor(numbers[0]))
 
 
 def _has_nanoseconds(table: Array) -> bool:

@@ -6,9 +6,9 @@ beside the span of the recording gives their unit. What remains open, such as th
 
 from __future__ import annotations
 
-from array import array
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
 
@@ -16,17 +16,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.streams.bounded import read_lines
-from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.formats.text_encoding import detect_encoding
 from stridetwin.streams.formats.trajectory_columns import (
+    METRES,
     W_FIRST,
     W_LAST,
     Columns,
-    columns_by_names,
     columns_by_numbers,
+    is_number,
     order_of,
     with_order,
 )
 from stridetwin.streams.formats.trajectory_options import NO_OPTIONS, TrajectoryOptions
+from stridetwin.streams.formats.trajectory_rows import TUM, TrajectoryRows, read_rows, split_cells, to_number
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.samples import Array
 from stridetwin.streams.trajectory import Trajectory
@@ -35,14 +38,20 @@ UNITS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
 """Units of stamps, and how many nanoseconds each has."""
 _LATEST_S = 9e9  # range of 64-bit nanoseconds
 _FARTHEST_M = 1e9  # beyond it squared errors overflow
-_TUM = "t x y z qx qy qz qw"
-_FORMS = f"8 numbers: {_TUM}, more columns with a header that names them, or the 12 numbers of KITTI with --times"
+_FORMS = f"8 numbers: {TUM}, more columns with a header that names them, or the 12 numbers of KITTI with --times"
+_ANGLES = "a quaternion; angles are not read (scipy's Rotation.from_euler converts them, in the order of the tool)"
+_EULER = re.compile(r"roll|pitch|yaw|euler", re.IGNORECASE)
+"""Names of columns with angles."""
 _UNIT = "a unit quaternion; a header that names the columns says where it is, such as # t id x y z qw qx qy qz"
 _LARGEST = {"s": 1e11, "ms": 1e14, "us": 1e17}
 """Larger stamps, which would be times after the year 5000, have a smaller unit."""
 _MOST_INSIDE, _LEAST_SPAN, _STEPS_S = 0.9, 0.3, (0.002, 1.0)
 """Stamps have another unit than their size says if with it this share of them lies within the recording, and they span
 this share of it or have usual steps."""
+_FASTEST_MPS, _SPEED_STEP_S = 15.0, 0.5
+"""Half of the speeds over such a time are above this one: no wearer is so fast, and positions are in another unit."""
+_EQUAL, _MOVING_M, _FEWEST_POSES = 1e-6, 1.0, 10
+"""Attitudes that differ by less are the same; it is said of so many poses that move by this distance."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,52 +76,6 @@ class TrajectoryFile:
         return replace(self, path=replace(self.path, q_world_frame=q), order=order)
 
 
-@dataclass
-class _Rows:
-    """The cells of a trajectory.
-
-    Attributes:
-        path: What errors call the file.
-        names: Names of the columns in a header; empty without one.
-        lines: Number of each row's line.
-        stamps: First cell of each row, or the one that the header names as the time.
-        numbers: All cells as numbers by rows, NaN where one is no number.
-        count: Cells of each row.
-        time: Index of the stamp in a row.
-        has_commas: Commas separate the cells.
-    """
-
-    path: str | Path
-    names: list[str] = field(default_factory=list)
-    lines: array[int] = field(default_factory=lambda: array("q"))
-    stamps: list[str] = field(default_factory=list)
-    numbers: array[float] = field(default_factory=lambda: array("d"))
-    count: int = 0
-    time: int = 0
-    has_commas: bool = False
-
-    @property
-    def table(self) -> Array:
-        """(N, K) numbers of the cells."""
-        return np.frombuffer(self.numbers, float).reshape(len(self.stamps), self.count)
-
-    def add(self, number: int, cells: list[str], line: str) -> None:
-        """Takes the cells of a line.
-
-        Raises:
-            ConfigError: It has another number of cells than the first row.
-        """
-        if not self.stamps:
-            self.count, self.has_commas = len(cells), "," in line
-            if (columns := columns_by_names(self.names)) and _last_place(columns) >= self.count:
-                self.names, self.time = [], 0  # a header of other rows
-        elif len(cells) != self.count:
-            raise ConfigError(self.path, f"line {number}", line[:80], f"{self.count} cells, as in the rows above it")
-        self.lines.append(number)
-        self.stamps.append(cells[self.time])
-        self.numbers.extend(map(_to_number, cells))
-
-
 def read_trajectory(
     path: str | Path,
     options: TrajectoryOptions = NO_OPTIONS,
@@ -133,90 +96,85 @@ def read_trajectory(
             and column, or the option that says what is missing.
     """
     notes = notes or Notes(Path(path), lenient=False)
-    rows = _read_rows(path)
-    columns = columns_by_names(rows.names) if rows.names else None
-    columns = columns or columns_by_numbers(rows.table, has_commas=rows.has_commas)
-    if columns is None:
-        text = " ".join(f"{value:g}" for value in rows.table[0])
-        raise ConfigError(path, f"line {rows.lines[0]}", text, _FORMS)
+    rows = read_rows(path)
+    columns = _choose_columns(rows, notes)
+    if rows.columns is None and columns.time:  # the words of stamps that are not in the first column
+        rows = read_rows(path, columns)
     if options.quaternion and columns.quaternion:
         columns = with_order(columns, options.quaternion, is_known=True)
+    _leave_out_rows(rows, columns, notes)
     p, q = _read_poses(rows, columns)
+    p = p * METRES[options.length_unit or columns.length_unit or "m"]
     t_ns = _read_times(rows, columns, options, span_ns, notes)
     trajectory = Trajectory(t_ns=t_ns, p_frame_in_world=p, q_world_frame=q)
+    _report_implausible(trajectory, notes)
     if not columns.quaternion:
         return TrajectoryFile(path=trajectory)
     return TrajectoryFile(path=trajectory, order=order_of(columns), is_order_known=columns.is_order_known)
 
 
-def _read_rows(path: str | Path) -> _Rows:
-    """The cells of a file, with the names of the columns from the last line above them that names a pose.
+def _choose_columns(rows: TrajectoryRows, notes: Notes) -> Columns:
+    """The columns of the header, or those that the numbers tell; a header that is not understood is reported.
 
     Raises:
-        StrideTwinError: The file cannot be read, or has no row.
+        ConfigError: The rows have no known form.
     """
-    rows = _Rows(path=path)
-    for number, line in enumerate(read_lines(Path(path), "utf-8-sig"), 1):
-        content, mark, comment = line.partition("#")
-        if not rows.stamps and (mark or line[:1] in "%/"):
-            _take_names(rows, comment if mark else line.lstrip("%/"))
-        if not (cells := _split(content)) or line[:1] in "%/":
-            continue
-        if not rows.stamps and not rows.names and not _is_number(cells[0]):
-            _take_names(rows, content)  # a header without a mark
-            continue
-        rows.add(number, cells, content.strip())
-    if not rows.stamps:
-        raise StrideTwinError(f"{path}: no pose: expected rows of {_TUM}")
-    return rows
+    header = rows.header
+    columns = rows.columns or columns_by_numbers(rows.table, has_commas=rows.has_commas)
+    if rows.columns is None and _EULER.search(header):
+        raise ConfigError(rows.path, "header", header[:120], _ANGLES)
+    if columns is None:
+        text = " ".join(f"{value:g}" for value in rows.table[0])
+        raise ConfigError(rows.path, f"line {rows.lines[0]}", text, _FORMS)
+    if header:
+        notes.warn(
+            f"names of its columns that are not known, {header[:120]}: its columns are read as {_describe(columns)}"
+        )
+    return columns
 
 
-def _last_place(columns: Columns) -> int:
-    """The last place that columns have."""
-    return max(*columns.position, *columns.quaternion, columns.time or 0)
+def _describe(columns: Columns) -> str:
+    """The columns in the order of the file, such as `t x y z qx qy qz qw`; `R` is a matrix with its position."""
+    if columns.matrix:
+        return "a matrix [R | t]"
+    names = {} if columns.time is None else {columns.time: "t"}
+    names |= dict(zip((*columns.position, *columns.quaternion), ("x", "y", "z", "qx", "qy", "qz", "qw")))
+    return " ".join(names[place] for place in sorted(names))
 
 
-def _take_names(rows: _Rows, text: str) -> None:
-    """Takes the names of the columns from a line if they name a pose."""
-    separator = next((mark for mark in ";," if mark in text), None)  # else white space
-    names = [name.strip(' "') for name in text.replace(" [", "[").split(separator)]
-    columns = columns_by_names(names)
-    if columns is not None:
-        rows.names, rows.time = names, columns.time or 0
+def _leave_out_rows(rows: TrajectoryRows, columns: Columns, notes: Notes) -> None:
+    """Leaves out the rows whose pose is no number in any cell, and reports these and the rows that came twice.
+
+    Tools write them where the tracking was lost, and where messages of other topics have rows of their own.
+    """
+    if rows.repeated:
+        notes.warn(f"rows that repeat the one before are left out: {rows.repeated}")
+    pose = rows.table[:, [*columns.position, *(columns.matrix or columns.quaternion)]]
+    is_empty = np.asarray(np.isnan(pose).all(axis=1))
+    if is_empty.any() and not is_empty.all():
+        notes.warn(f"{int(is_empty.sum())} of its {len(pose)} rows have no pose, and are left out")
+        rows.keep(~is_empty)
 
 
-def _split(line: str) -> list[str]:
-    """The cells of a line between semicolons, commas or white space; a comma at the end has no cell after it."""
-    line = line.strip().rstrip(",;").strip()
-    separator = ";" if ";" in line else ","
-    if separator not in line:
-        return line.split()
-    cells = [cell.strip().strip('"') for cell in line.split(separator)]
-    if separator == ";":  # then commas are those of decimals
-        cells = [cell.replace(",", ".") for cell in cells]
-    if any(" " in cell for cell in cells):  # commas and spaces mixed
-        return line.replace(separator, " ").split()
-    return cells
+def _report_implausible(path: Trajectory, notes: Notes) -> None:
+    """Reports positions that no wearer could follow in their unit, and attitudes that are none."""
+    p, t_ns = path.p_frame_in_world, path.t_ns
+    later = np.searchsorted(t_ns, t_ns + int(_SPEED_STEP_S * 1e9))
+    now = np.flatnonzero(later < len(t_ns))
+    if len(now):
+        with np.errstate(over="ignore"):  # of absurd positions
+            step_m = np.linalg.norm(p[later[now]] - p[now], axis=1)
+        speed_mps = float(np.median(step_m / (1e-9 * (t_ns[later[now]] - t_ns[now]))))
+        if speed_mps > _FASTEST_MPS:
+            causes = "are they in cm or mm (--length-unit), or are its stamps in another unit (--time-unit)?"
+            notes.warn(f"its positions move at {speed_mps:.3g} m/s: {causes}")
+    if len(p) < _FEWEST_POSES or np.ptp(p, axis=0).max() < _MOVING_M:
+        return
+    if np.abs(path.q_world_frame - path.q_world_frame[0]).max() < _EQUAL:
+        notes.warn("all its attitudes are the same, as of positions alone: what depends on the attitude is not valid")
 
 
-def _is_number(word: str) -> bool:
-    """Whether a word is a number, also NaN or infinite."""
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
-
-
-def _to_number(word: str) -> float:
-    """The number in a word; NaN without one."""
-    try:
-        return float(word)
-    except ValueError:
-        return float("nan")
-
-
-def _read_poses(rows: _Rows, columns: Columns) -> tuple[Array, Array]:
+def _read_poses(rows: TrajectoryRows, columns: Columns) -> tuple[Array, Array]:
     """Positions (N, 3) m, and unit quaternions (N, 4), (w, x, y, z), of all rows.
 
     Raises:
@@ -234,7 +192,7 @@ def _read_poses(rows: _Rows, columns: Columns) -> tuple[Array, Array]:
     return p, _to_rotations(rows, rotation)
 
 
-def _to_rotations(rows: _Rows, rotation: Array) -> Array:
+def _to_rotations(rows: TrajectoryRows, rotation: Array) -> Array:
     """Unit quaternions (N, 4), (w, x, y, z), from quaternions (N, 4), (x, y, z, w), or matrices (N, 9).
 
     Raises:
@@ -242,7 +200,8 @@ def _to_rotations(rows: _Rows, rotation: Array) -> Array:
     """
     if rotation.shape[1] == 4:
         norm = np.linalg.norm(rotation, axis=1)
-        _check_rows(rows, (norm > 0.9) & (norm < 1.1), rotation, "qx qy qz qw", _UNIT)
+        valid = _UNIT if rotation.any() else "a unit quaternion; the tool has written no attitudes, 0 0 0 0 in all rows"
+        _check_rows(rows, (norm > 0.9) & (norm < 1.1), rotation, "qx qy qz qw", valid)
         return np.asarray(rotation[:, [3, 0, 1, 2]] / norm[:, None])
     from scipy.spatial.transform import Rotation  # here, as its import would double the start time of the command line
 
@@ -253,14 +212,14 @@ def _to_rotations(rows: _Rows, rotation: Array) -> Array:
     return np.asarray(Rotation.from_matrix(R).as_quat(scalar_first=True))
 
 
-def _check_rows(rows: _Rows, fits: NDArray[np.bool_], values: Array, field_name: str, valid: str) -> None:
+def _check_rows(rows: TrajectoryRows, fits: NDArray[np.bool_], values: Array, field_name: str, valid: str) -> None:
     """Raises ConfigError for the first row that does not fit."""
     if not fits.all():
         first = int(np.argmin(fits))
         raise ConfigError(rows.path, f"line {rows.lines[first]}, {field_name}", values[first].tolist(), valid)
 
 
-def _check_finite(rows: _Rows, values: Array, names: Sequence[str], places: Sequence[int]) -> None:
+def _check_finite(rows: TrajectoryRows, values: Array, names: Sequence[str], places: Sequence[int]) -> None:
     """Raises ConfigError for the first number that is not finite or too large; it shows the cell as it stands.
 
     Args:
@@ -274,14 +233,15 @@ def _check_finite(rows: _Rows, values: Array, names: Sequence[str], places: Sequ
         return
     row, at = (int(i) for i in np.argwhere(~fits)[0])
     line = rows.lines[row]
-    text = next(text for number, text in enumerate(read_lines(Path(rows.path), "utf-8-sig"), 1) if number == line)
-    cell = _split(text.partition("#")[0])[places[at]]
+    texts = enumerate(read_lines(Path(rows.path), detect_encoding(Path(rows.path))), 1)
+    text = next(text for number, text in texts if number == line)
+    cell = split_cells(text.partition("#")[0], keeps_empty=True)[places[at]]
     valid = f"a finite number, {-_FARTHEST_M:g} to {_FARTHEST_M:g}"
     raise ConfigError(rows.path, f"line {line}, {names[at]}", cell, valid)
 
 
 def _read_times(
-    rows: _Rows, columns: Columns, options: TrajectoryOptions, span_ns: tuple[int, int] | None, notes: Notes
+    rows: TrajectoryRows, columns: Columns, options: TrajectoryOptions, span_ns: tuple[int, int] | None, notes: Notes
 ) -> NDArray[np.int64]:
     """Stamps (N,) ns of all rows, increasing.
 
@@ -303,7 +263,7 @@ def _read_times(
     return t_ns
 
 
-def _read_times_file(rows: _Rows, columns: Columns, file: Path) -> tuple[list[str], list[int]]:
+def _read_times_file(rows: TrajectoryRows, columns: Columns, file: Path) -> tuple[list[str], list[int]]:
     """The stamps of a file with one per row, and the numbers of their lines.
 
     Where the trajectory has whole numbers in place of stamps, such as those of frames, they select the rows.
@@ -313,8 +273,8 @@ def _read_times_file(rows: _Rows, columns: Columns, file: Path) -> tuple[list[st
     """
     times = [
         (cells[0], number)
-        for number, line in enumerate(read_lines(file, "utf-8-sig"), 1)
-        if (cells := _split(line.partition("#")[0])) and _is_number(cells[0])
+        for number, line in enumerate(read_lines(file, detect_encoding(file)), 1)
+        if (cells := split_cells(line.partition("#")[0])) and is_number(cells[0])
     ]
     if columns.time is not None:
         frames = rows.table[:, columns.time]
@@ -350,7 +310,7 @@ def _choose_unit(
     Raises:
         ConfigError: A stamp is no finite number.
     """
-    values = np.array([_to_number(word) for word in stamps])
+    values = np.array([to_number(word) for word in stamps])
     fits = np.isfinite(values)
     if not fits.all():
         first = int(np.argmin(fits))
@@ -400,7 +360,11 @@ def _to_nanoseconds(
             raise ConfigError(path, f"line {lines[i]}, t", word, valid)
         if value <= before:
             hint = "" if unit == "s" else f" (in {unit}; --time-unit says another unit)"
-            raise ConfigError(path, f"line {lines[i]}, t", word, f"a time after that of the previous row{hint}")
+            cause = (
+                "have the stamps lost digits?" if value == before else "are these two runs in one file, or unsorted?"
+            )
+            valid = f"a time after that of the previous row{hint}; {cause}"
+            raise ConfigError(path, f"line {lines[i]}, t", word, valid)
         t_ns[i] = before = value
     return t_ns
 
@@ -413,14 +377,26 @@ def _check_span(path: str | Path, t_ns: NDArray[np.int64], unit: str, span_ns: t
     """
     inside = int(((t_ns >= span_ns[0]) & (t_ns <= span_ns[1])).sum())
     span = f"the recording's {_span_text(*span_ns)}"
+    if len(t_ns) == 1:
+        raise ConfigError(path, "rows", 1, "at least 2 poses")
     if inside < 2:
-        shift = (span_ns[0] - int(t_ns[0])) * 1e-9
-        cause = f"in {unit}: is it another clock? --time-offset {shift:.3f} begins with the recording; or --time-unit"
+        other = _unit_by_duration(t_ns, unit, span_ns)
+        shift = (span_ns[0] - int(t_ns[0]) * UNITS[other] / UNITS[unit]) * 1e-9
+        advice = "" if other == unit else f"--time-unit {other}, with which they last as long, and "
+        cause = f"in {unit}: is it another clock? {advice}--time-offset {shift:.3f} begins with the recording"
+        cause += "; or --time-unit" if other == unit else ""
         stamps = f"{_span_text(int(t_ns[0]), int(t_ns[-1]))}"
         raise ConfigError(path, "time stamps", stamps, f"at least 2 of {len(t_ns)} within {span}, {cause}")
     if inside < 0.5 * len(t_ns):
         cause = "--time-unit or --time-offset mends stamps, --times those that are numbers of frames"
         notes.warn(f"only {inside} of its {len(t_ns)} poses lie within {span}: {cause}")
+
+
+def _unit_by_duration(t_ns: NDArray[np.int64], unit: str, span_ns: tuple[int, int]) -> str:
+    """The unit with which stamps last about as long as the recording; the given one if it does so, or none does."""
+    share = {other: float(t_ns[-1] - t_ns[0]) * UNITS[other] / UNITS[unit] for other in (unit, *UNITS)}
+    wanted = span_ns[1] - span_ns[0]
+    return next((other for other, lasts in share.items() if 0.5 * wanted < lasts < 1.5 * wanted), unit)
 
 
 def _span_text(first_ns: int, last_ns: int) -> str:

@@ -15,12 +15,14 @@ class TrajectoryOptions:
         time_unit: Unit of the stamps, `s`, `ms`, `us` or `ns`; None recognises it.
         times: File whose first column has the stamp of each pose, for a trajectory without stamps.
         time_offset_s: Added to the stamps, s.
+        length_unit: Unit of the positions, `m`, `cm` or `mm`; None is that of the header, else m.
     """
 
     quaternion: str | None = None
     time_unit: str | None = None
     times: Path | None = None
     time_offset_s: float = 0.0
+    length_unit: str | None = None
 
 
 NO_OPTIONS = TrajectoryOptions()

@@ -42,7 +42,7 @@ def parse_seconds(word: str) -> int:
     except ValueError:
         value = math.nan  # out of any range
     if not 0 <= value < LATEST_S:
-        raise ValueError("seconds from 0 on")
+        raise ValueError("seconds from 0 on; is it in ns?" if value >= LATEST_S else "seconds from 0 on")
     if word.isascii() and integer.isdecimal() and (fraction.isdecimal() or not fraction):
         return int(integer) * 1_000_000_000 + int(fraction[:9].ljust(9, "0"))  # further digits are cut off
     return round(value * 1e9)  # other forms, such as 1.5e3

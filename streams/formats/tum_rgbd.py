@@ -19,6 +19,7 @@ from stridetwin.streams.formats.derived import check_overlap, join_at_gyro_stamp
 from stridetwin.streams.formats.frame_intrinsics import choose_frame
 from stridetwin.streams.formats.image_files import choose_camera, read_image_list, write_depth, write_image
 from stridetwin.streams.formats.text_rows import read_numbers, read_text_rows, write_text_rows
+from stridetwin.streams.formats.trajectory_columns import find_pose_places
 from stridetwin.streams.formats.tum import format_seconds, parse_seconds, write_tum
 from stridetwin.streams.kalibr import write_rig
 from stridetwin.streams.plausible import mean_rate
@@ -36,14 +37,51 @@ COLOR, DEPTH, ACCELEROMETER, IMU = "/head/color", "/head/depth", "/head/accelero
 TRUTH_TOPIC = "/truth/head/color/odometry"
 # names of the columns after the stamp: angular rate in rad/s, specific force in m/s², position in m and quaternion
 _RATE, _FORCE = ("wx", "wy", "wz"), ("ax", "ay", "az")
-_POSE = ("tx", "ty", "tz", "qx", "qy", "qz", "qw")
+_PAIRS = ("associations.txt", "association.txt", "associated.txt", "associate.txt", "assoc.txt")
+"""Names of a list of pairs, as `associate.py` of the benchmark writes it."""
+_OTHER_CALIBRATIONS = (
+    "calib.txt",
+    "camera.txt",
+    "intrinsics.txt",
+    "camera_intrinsics.txt",
+    "camera.yaml",
+    "calib.yaml",
+)
+"""Files of other names and forms that users have beside the images."""
 _INTRINSICS = ("fx", "fy", "cx", "cy")
 """What `calibration.txt` has, once or for each image."""
 
 
 def is_tum_rgbd(path: Path) -> bool:
-    """Whether a folder has the TUM RGB-D layout: `rgb.txt` or `depth.txt`."""
-    return any((path / name).is_file() for name in ("rgb.txt", "depth.txt"))
+    """Whether a folder has the TUM RGB-D layout: `rgb.txt` or `depth.txt`, or both in a list of pairs."""
+    return any((path / name).is_file() for name in ("rgb.txt", "depth.txt")) or _find_pairs(path) is not None
+
+
+def _find_pairs(path: Path) -> Path | None:
+    """The list of pairs of a colour and a depth image, beside their folders; None without one."""
+    if not any((path / name).is_dir() for name in ("rgb", "depth", "color")):
+        return None
+    return next((file for name in _PAIRS if (file := path / name).is_file()), None)
+
+
+def _read_pairs(file: Path, path: Path, notes: Notes, per_metre: float) -> dict[str, ImageStream]:
+    """Colour and depth of a list of pairs, `stamp file stamp file`, in either order.
+
+    Raises:
+        StrideTwinError: The list cannot be read, or a row is invalid, unless lenient.
+    """
+    _, rows = read_text_rows(file, None)
+    if not rows or len(rows[0].cells) != 4:
+        seen = rows[0].text[:80] if rows else ""
+        raise ConfigError(file, "line 1", seen, "a stamp and a file of colour, and a stamp and a file of depth")
+    places = {DEPTH: 0, COLOR: 2} if "depth" in rows[0].cells[1].lower() else {COLOR: 0, DEPTH: 2}
+    notes.warn(f"{file.name}: the images are those of its pairs")
+    return {
+        topic: read_image_list(
+            file, path, None, parse_seconds, notes, per_metre if topic == DEPTH else None, first=place
+        )
+        for topic, place in places.items()
+    }
 
 
 def read_tum_rgbd(path: Path, notes: Notes, per_metre: float = PER_METRE) -> Source:
@@ -66,12 +104,14 @@ def read_tum_rgbd(path: Path, notes: Notes, per_metre: float = PER_METRE) -> Sou
         images[COLOR] = read_image_list(path / "rgb.txt", path, None, parse_seconds, notes)
     if (path / "depth.txt").is_file():
         images[DEPTH] = read_image_list(path / "depth.txt", path, None, parse_seconds, notes, per_metre)
+    if not images and (pairs := _find_pairs(path)) is not None:
+        images = _read_pairs(pairs, path, notes, per_metre)
     images = {topic: stream for topic, stream in images.items() if len(stream.t_ns)}
     blocks |= _read_inertial(path, notes)
     file = path / "groundtruth.txt"
     if file.is_file():
-        _, rows = read_text_rows(file, None)
-        t_ns, table = read_numbers(file, rows, [(n, i + 1) for i, n in enumerate(_POSE)], parse_seconds, notes)
+        header, rows = read_text_rows(file, None)
+        t_ns, table = read_numbers(file, rows, find_pose_places(header), parse_seconds, notes)
         p, q = table[:, :3], table[:, [6, 3, 4, 5]]  # the quaternion as w, x, y, z
         blocks[TRUTH_TOPIC] = to_odometry(TRUTH_TOPIC, t_ns, p, q, None, notes, file)
     return Source(kind="tum", blocks=blocks, images=images, rig=_read_rig(path, images, notes), unread={})
@@ -120,6 +160,11 @@ def _read_rig(path: Path, images: dict[str, ImageStream], notes: Notes) -> Rig:
         ConfigError: The file has other contents than fx fy cx cy, or a row of these for each image.
     """
     file = path / "calibration.txt"
+    other = next((name for name in _OTHER_CALIBRATIONS if (path / name).is_file()), None)
+    if not file.is_file() and other is not None and not (path / RIG_NAME).is_file():
+        notes.warn(
+            f"{other} is not read: calibration.txt with fx fy cx cy in pixels, or a file for --rig, gives the camera"
+        )
     topic = COLOR if COLOR in images else DEPTH
     if not file.is_file() or topic not in images or (size := read_first_image_size(images[topic])) is None:
         return Rig()

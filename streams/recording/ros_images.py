@@ -21,6 +21,8 @@ IMAGES = (COMPRESSED, RAW)
 """Message types of images."""
 DEPTH_ENCODINGS = ("16UC1", "32FC1")
 """ROS's names of depth in mm of 16 bits, and of depth in m as float32."""
+_PNG_HEAD = 26
+"""Bytes of a PNG up to its bits per number and its kind of colour, 0 for grey."""
 _INFO_PERIOD_NS = 1_000_000_000
 """Time after which a camera's intrinsics are written again."""
 # NumPy type of a number and numbers per pixel, by ROS's name of an encoding
@@ -30,10 +32,39 @@ _PIXELS = {
     "rgb8": ("u1", 3),
     "bgr8": ("u1", 3),
     "8UC3": ("u1", 3),
+    "rgba8": ("u1", 4),
+    "bgra8": ("u1", 4),
+    "8UC4": ("u1", 4),
+    "yuv422": ("u1", 2),
+    "uyvy": ("u1", 2),
+    "yuv422_yuy2": ("u1", 2),
+    "yuyv": ("u1", 2),
+    "bayer_rggb8": ("u1", 1),
+    "bayer_bggr8": ("u1", 1),
+    "bayer_gbrg8": ("u1", 1),
+    "bayer_grbg8": ("u1", 1),
     "16UC1": ("u2", 1),
     "mono16": ("u2", 1),
     "32FC1": ("f4", 1),
 }
+
+
+_TO_RGB = {
+    "bgr8": cv2.COLOR_BGR2RGB,
+    "8UC3": cv2.COLOR_BGR2RGB,
+    "rgba8": cv2.COLOR_RGBA2RGB,
+    "bgra8": cv2.COLOR_BGRA2RGB,
+    "8UC4": cv2.COLOR_BGRA2RGB,
+    "yuv422": cv2.COLOR_YUV2RGB_UYVY,
+    "uyvy": cv2.COLOR_YUV2RGB_UYVY,
+    "yuv422_yuy2": cv2.COLOR_YUV2RGB_YUY2,
+    "yuyv": cv2.COLOR_YUV2RGB_YUY2,
+    "bayer_rggb8": cv2.COLOR_BayerRGGB2RGB,
+    "bayer_bggr8": cv2.COLOR_BayerBGGR2RGB,
+    "bayer_gbrg8": cv2.COLOR_BayerGBRG2RGB,
+    "bayer_grbg8": cv2.COLOR_BayerGRBG2RGB,
+}
+"""OpenCV's conversion to RGB by ROS's name of an encoding, for those that need one."""
 
 
 def _header(topic: str, t_ns: int) -> dict[str, object]:
@@ -174,7 +205,7 @@ def detect_image_kind(payload: bytes, typename: str, store: Typestore) -> type[I
     """
     message = deserialise(store, payload, typename)
     if typename == COMPRESSED:
-        return Depth if "compressedDepth" in message.format else Image
+        return Depth if "compressedDepth" in message.format or _is_16_bit(message) else Image
     # 16 bits of grey (mono16) are taken as depth in mm
     return Depth if message.encoding in (*DEPTH_ENCODINGS, "mono16") else Image
 
@@ -200,6 +231,8 @@ def read_image_message(payload: bytes, typename: str, store: Typestore, topic: s
         return Depth(topic=topic, t_ns=t_ns, depth=_decode_compressed_depth(message))
     if typename == COMPRESSED:
         pixels = decode_image(bytes(message.data))
+        if pixels is not None and pixels.dtype == np.uint16 and pixels.ndim == 2:
+            return Depth(topic=topic, t_ns=t_ns, depth=_mm_to_metres(pixels))
         if pixels is None or pixels.dtype != np.uint8:
             raise ValueError(f"an image of format {message.format!r} that cannot be decoded to 8 bits")
         pixels_8bit = pixels.view(np.uint8)
@@ -216,11 +249,16 @@ def read_image_message(payload: bytes, typename: str, store: Typestore, topic: s
         return Depth(topic=topic, t_ns=t_ns, depth=np.where(np.isfinite(raw), raw, 0).astype(np.float32))
     if dtype.itemsize == 2:  # depth in mm
         return Depth(topic=topic, t_ns=t_ns, depth=_mm_to_metres(raw))
-    if channels == 1:
-        return Image(topic=topic, t_ns=t_ns, pixels=raw)
-    colour = raw.reshape(message.height, message.width, 3)
-    is_rgb = message.encoding == "rgb8"  # the others are BGR
-    return Image(topic=topic, t_ns=t_ns, pixels=colour if is_rgb else colour[:, :, ::-1].copy())
+    pixels = raw if channels == 1 else raw.reshape(message.height, message.width, channels)
+    if message.encoding in _TO_RGB:
+        pixels = np.asarray(cv2.cvtColor(np.asarray(pixels, np.uint8), _TO_RGB[message.encoding]))
+    return Image(topic=topic, t_ns=t_ns, pixels=np.asarray(pixels, np.uint8))
+
+
+def _is_16_bit(message: RosMessage) -> bool:
+    """Whether a CompressedImage is a PNG of 16 bits of grey, as which depth is sent without a transport of its own."""
+    data = bytes(message.data[:_PNG_HEAD])
+    return data.startswith(b"\x89PNG") and data[_PNG_HEAD - 2 :] == b"\x10\x00"
 
 
 def _mm_to_metres(mm: NDArray[np.generic]) -> NDArray[np.float32]:

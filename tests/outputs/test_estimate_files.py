@@ -126,6 +126,40 @@ def test_attitudes_of_the_world_in_the_frame_are_said(recording, tmp_path, capsy
     assert "warning" not in score(truth, capsys, write_rows(tmp_path / "b.txt", tum_rows(walk)))[2]
 
 
+def curve():
+    """A way that bends, with a frame that turns about all axes."""
+    s = WALK.t_ns / 1e9
+    p = np.column_stack([1.2 * s * np.cos(0.05 * s), 1.2 * s * np.sin(0.05 * s), np.full(len(s), 1.6)])
+    return p, Rotation.from_euler(
+        "zyx", np.column_stack([0.1 * s + 0.3 * np.sin(s), 0.1 * np.sin(s), 0.1 * np.sin(0.7 * s)])
+    )
+
+
+def rows_of(p, R):
+    return tum_rows(Trajectory(t_ns=WALK.t_ns, p_frame_in_world=p, q_world_frame=R.as_quat(scalar_first=True)))
+
+
+def test_another_frame_unit_or_handedness_is_named(tmp_path, capsys):
+    p, R = curve()
+    truth = Trajectory(t_ns=WALK.t_ns, p_frame_in_world=p, q_world_frame=R.as_quat(scalar_first=True))
+    recording = write_truth(tmp_path / "walk.mcap", truth)
+    camera = Rotation.from_matrix([[0, 0, 1], [-1, 0, 0], [0, -1, 0]])
+    for rows, says in (
+        (rows_of(p, R), ""),
+        (rows_of(p, R * camera), "its frame is turned by 120° from foot_l/imu all the way"),
+        (rows_of(p * [1, -1, 1], R), "left and right exchanged: expected a right-handed world"),
+        (rows_of(1000 * p, R), "1000 times as far apart as the true ones': expected metres; --length-unit mm"),
+        (rows_of(100 * p, R), "--length-unit cm"),
+    ):
+        code, _, said = score(recording, capsys, write_rows(tmp_path / "a.txt", rows))
+        assert says in said
+        assert ("warning" in said or "error" in said) == bool(says)
+        assert code == (2 if "apart" in says or "--length" in says else 0)
+    file = write_rows(tmp_path / "b.txt", rows_of(1000 * p, R))
+    _, scores, _ = score(recording, capsys, file, "--length-unit", "mm")
+    assert scores["ape_rmse_m"] < 1e-3
+
+
 def test_stamps_in_nanoseconds_are_read_and_another_clock_is_named(recording, tmp_path, capsys):
     file = write_rows(tmp_path / "orb.txt", [[f"{float(row[0]) * 1e9 + 1.4e18:.6f}", *row[1:]] for row in ROWS])
     code, _, said = score(recording, capsys, file)

@@ -172,6 +172,55 @@ def test_units_of_a_mesh(tmp_path, unit, scale):
     assert flight.heights_m == pytest.approx((0.17,) * 4, abs=1e-6)
 
 
+TO_AXIS = {
+    "x": [[0, 0, 1], [1, 0, 0], [0, 1, 0]],
+    "-x": [[0, 0, -1], [1, 0, 0], [0, -1, 0]],
+    "-y": [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
+    "-z": [[1, 0, 0], [0, -1, 0], [0, 0, -1]],
+}
+"""Rotations that bring the z axis onto another one."""
+
+
+def rotated(mesh, R):
+    mesh.apply_transform(np.block([[np.array(R, float), np.zeros((3, 1))], [0, 0, 0, 1]]))
+    return mesh
+
+
+@pytest.mark.parametrize("up", TO_AXIS)
+def test_any_axis_may_point_up(tmp_path, up):
+    mesh = rotated(stair(**FOUR_STEPS), TO_AXIS[up])
+    segments, _ = mesh_terrain(way(tmp_path / "a.stl", mesh, up=up), 2.4)
+    assert [s.heights_m for s in segments if isinstance(s, Stairs)] == [pytest.approx((0.17,) * 4, abs=1e-6)]
+    if up == "-z":  # its underside is level
+        assert "stairs on its underside: `up: -z`" in mesh_terrain(MeshWay(path=tmp_path / "a.stl"), 2.4)[1]
+        return
+    with pytest.raises(StrideTwinError, match=f"there is a way with `up: {up}`"):
+        mesh_terrain(MeshWay(path=tmp_path / "a.stl"), 2.4)
+
+
+def test_a_mesh_that_is_inside_out_is_turned(tmp_path):
+    mesh = stair(**FOUR_STEPS)
+    mesh.invert()
+    segments, _ = mesh_terrain(way(tmp_path / "a.stl", mesh), 2.4)
+    assert [type(p) for p in segments] == [Level, Stairs, Level, Ramp, Level]
+
+
+def test_some_inverted_normals_are_named(tmp_path):
+    mesh = stair(**FOUR_STEPS)
+    faces = mesh.faces.copy()
+    faces[-12:] = faces[-12:, ::-1]
+    mesh.faces = faces
+    with pytest.raises(StrideTwinError, match=r"faces down: are some normals inverted .*there is no way"):
+        mesh_terrain(way(tmp_path / "a.stl", mesh), 2.4)
+
+
+def test_a_mesh_far_away_is_to_be_moved(tmp_path):
+    mesh = stair()
+    mesh.apply_translation([5e5, 4e6, 300])
+    with pytest.raises(StrideTwinError, match=r"within 1000 m; move the mesh to its origin.*there is no way"):
+        mesh_terrain(way(tmp_path / "a.stl", mesh), 2.4)
+
+
 @pytest.mark.parametrize("suffix", ["glb", "gltf"])
 def test_gltf_has_y_up(tmp_path, suffix):
     mesh = lying(stair(), y_up=True)

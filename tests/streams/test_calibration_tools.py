@@ -28,7 +28,7 @@ WRITERS = {
         2,
         False,
         SHIFT_S,
-        "output_path, estimate_extrinsic, max_cnt, g_norm, estimate_td",
+        "output_path, max_cnt, g_norm",
     ),
     "orb_slam3": (
         files.write_orb_slam3,

@@ -141,7 +141,7 @@ def test_tum_round_trip(tmp_path_factory, start, steps, seed):
     [
         ("", "no pose"),
         ("# t x\n1 2 3\n", r"line 2: .*8 numbers"),
-        ("0 0 0 0 0 0 0 1\n0 0 0 0 0 0 0 1\n", "line 2, t: invalid '0': .*a time after"),
+        ("0 0 0 0 0 0 0 1\n0 0 1 0 0 0 0 1\n", "line 2, t: invalid '0': .*a time after"),
         ("0 0 zero 0 0 0 0 1\n", "line 1, y: invalid 'zero': .*finite"),
         ("0 0 nan 0 0 0 0 1\n", "line 1, y: invalid 'nan': .*finite"),
         ("0 0 1e200 0 0 0 0 1\n", "line 1, y: invalid '1e200': .*finite"),
