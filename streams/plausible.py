@@ -30,6 +30,9 @@ _HINTS = (
     ((0.8, 1.2), f"; is it in g? Multiply by {STANDARD_GRAVITY_MPS2}"),
     ((800.0, 1200.0), f"; is it in milli-g? Multiply by {STANDARD_GRAVITY_MPS2 / 1000}"),
     ((0.0, 3.0), "; has gravity been taken out? It must be the raw specific force"),
+    ((85.0, 110.0), "; is it in m/s², and was taken for g?"),
+    ((8_500.0, 11_000.0), "; is it in mg or mm/s², and was taken for g or m/s²?"),
+    ((200.0, math.inf), "; are they raw counts? Divide them by those of 1 g in the data sheet"),
 )
 """What may be wrong with a median force, by the range of its number; the first range that fits counts."""
 
@@ -67,9 +70,20 @@ def find_implausible_rates(t_ns: Stamps, valid_hz: tuple[float, float]) -> Itera
     """Yields an `Implausible` if the median rate of (N,) stamps is outside `valid_hz`, as with a wrong unit of time."""
     rate, (low, high) = median_rate(t_ns), valid_hz
     if len(t_ns) > 1 and not low <= rate <= high:
-        # times in a smaller unit, taken as seconds, give a rate that is too low
-        hint = "; is t in milliseconds or nanoseconds?" if rate < low else ""
+        hint = _guess_time_unit(rate, valid_hz)
         yield Implausible("t", f"{rate:.4g} Hz", f"a rate of {low:g} to {high:g} Hz, t in s{hint}")
+
+
+def _guess_time_unit(rate_hz: float, valid_hz: tuple[float, float]) -> str:
+    """What may be wrong with the unit of stamps that give an impossible rate, for a message; "" if none is likely."""
+    low, high = valid_hz
+    if rate_hz > high:
+        factors = [factor for factor in (1e3, 1e6, 1e9) if low <= rate_hz / factor <= high]
+        return f"; are the stamps in a unit that is {factors[0]:g} times larger, as s and ms?" if factors else ""
+    for name, factor in (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9)):
+        if low <= rate_hz * factor <= high:
+            return f"; is t in {name}, or in a unit that is {factor:g} times smaller than the given one?"
+    return "; is t in milliseconds or nanoseconds?" if rate_hz < low else ""
 
 
 def force_at_rest(t_ns: Stamps, specific_force: Array) -> tuple[float, bool]:
@@ -106,9 +120,11 @@ def find_implausible_values(block: Block[Sample]) -> Iterator[Implausible]:
         yield Implausible("accel", f"median magnitude {force:.3g}{where}", f"about 9.8 m/s²{hint}")
     if "angular_rate" in block.columns:
         fastest = float(np.percentile(np.abs(block.columns["angular_rate"]), 99.9))
+        fault = find_rate_fault(block.t_ns, block.columns["specific_force"], block.columns["angular_rate"])
         if fastest > _FASTEST:
-            yield Implausible("gyro", f"up to {fastest:.0f}", "rad/s; is it in °/s? Multiply by 0.0174533")
-        elif fault := find_rate_fault(block.t_ns, block.columns["specific_force"], block.columns["angular_rate"]):
+            hint = "is it in °/s? Multiply by 0.0174533" if fault is None else f"probably {fault.cause}"
+            yield Implausible("gyro", f"up to {fastest:.0f}", f"rad/s; {hint}")
+        elif fault is not None:
             yield Implausible(
                 "gyro",
                 f"rates that leave {fault.misfit_mps2:.2g} m/s² of the forces over from one rest to the next",

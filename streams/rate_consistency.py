@@ -33,6 +33,11 @@ _MISFIT_MPS2, _BETTER = 0.3, 0.5
 _DEGREE = math.pi / 180
 _CLOCK_S = (-0.2, -0.1, -0.05, 0.05, 0.1, 0.2)
 """Shifts of the rates against the forces that are tried, s."""
+_SCALES = np.geomspace(1 / 40, 40, 81)
+"""Factors of the rates that are tried, in steps of 9 %."""
+_LEAST_SCALE, _CLEARLY = 1.25, 0.6
+"""Least factor that counts as a fault (parts without calibration are within 1.05), and by which share it must be better
+than another cause to be named."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,6 +99,10 @@ def find_rate_fault(t_ns: Stamps, specific_force: Array, angular_rate: Array) ->
     misfits = compute_misfits(movements, np.stack([correction for _, correction in causes]))
     best = int(np.argmin(misfits))
     cause, corrected = causes[best][0], float(misfits[best])
+    scales = compute_misfits(movements, _SCALES[:, None, None] * np.eye(3))
+    scale, of_scale = float(_SCALES[np.argmin(scales)]), float(scales.min())
+    if of_scale < _CLEARLY * corrected and max(scale, 1 / scale) > _LEAST_SCALE:
+        cause, corrected = _name_scale(scale), of_scale
     for shift in _CLOCK_S:
         shifted = np.column_stack([np.interp(t - shift, t, rates[:, k]) for k in range(3)])
         misfit = float(compute_misfits(_cut_movements(t, specific_force, shifted, spans), np.eye(3)[None])[0])
@@ -101,8 +110,18 @@ def find_rate_fault(t_ns: Stamps, specific_force: Array, angular_rate: Array) ->
             when = "later" if shift > 0 else "earlier"
             cause, corrected = f"the rates belong {1000 * abs(shift):.0f} ms {when} than they are stamped", misfit
     if corrected >= _BETTER * as_recorded:
-        return None
+        axes = [axis for axis, extent in zip("xyz", np.ptp(angular_rate, axis=0)) if extent == 0.0]
+        if not axes or len(axes) == len("xyz"):
+            return None
+        cause, corrected = f"the rates about {' and '.join(axes)} never change, as those of an empty column", 0.0
     return RateFault(misfit_mps2=as_recorded, corrected_mps2=corrected, cause=cause)
+
+
+def _name_scale(scale: float) -> str:
+    """What is likely wrong with rates that fit the forces once they are multiplied by a factor."""
+    size, span = ("large", "long") if scale < 1 else ("small", "short")
+    factor = f"{max(scale, 1 / scale):.2g}"
+    return f"the rates are {factor} times too {size}, or the time between samples is {factor} times too {span}"
 
 
 def _list_causes() -> list[tuple[str, Array]]:

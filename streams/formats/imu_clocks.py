@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stridetwin.streams.errors import ConfigError
-from stridetwin.streams.formats.column_names import ColumnName, parse_column
+from stridetwin.streams.formats.column_names import ColumnName, is_counter_name, parse_column
 from stridetwin.streams.formats.imu_columns import OPTION, Columns, find_time
 from stridetwin.streams.formats.imu_stamps import parse_stamp, unwrap_days
 from stridetwin.streams.formats.imu_units import TIME, UNITS, unit_of
@@ -27,12 +28,20 @@ TICKS = "sampletimefine"
 _TICK_UNITS_S = (1e-4, 1e-6)
 """A tick of an MTw or MTi, and of a DOT, s."""
 _TICK_SIZE = 2**32
-_COUNTER_SIZES = (2**8, 2**16, 2**24, 2**32)
+_COUNTER_SIZES = tuple(sorted({*(2**k for k in range(5, 33)), *(10**k for k in range(2, 10)), 60_000}))
 """Numbers of counts after which counters begin again."""
-_COUNTER = re.compile(
-    r"(?:pkt|packet|sample|frame|msg|message|seq|sequence)_?(?:counter|count|number|num|no|nr|id|index|idx)"
-    r"|(?:\w+_)?packet_?counter|counter|count|seq|sequence|(?:field_)?header_seq|sample|frame|packet|pkt"
-)
+_USUAL_SIZES = (2**8, 2**16, 2**24, 2**32)
+"""Those of whole bytes, of which more may be missing where they begin again."""
+_MOST_AT_END, _FEW_AT_END, _LEAST_AT_END = 0.02, 50, 5
+"""Counts that may be lost where a counter begins again: a share of all its counts, or few; fewer of unusual sizes."""
+_STAMP_SIZES = (2**16, 86_400, 604_800, 2**24, 86_400_000, 604_800_000, 2**32, 86_400_000_000)
+"""Numbers after which clocks begin again: those of 16, 24 and 32 bits, days and weeks."""
+_MINUTE_S, _FEWEST_STEPS = 60, 10
+"""Seconds of a minute, which count on their own in tables of whole seconds; steps that are needed to know a clock."""
+_MOST_STEPS_AT_END = 50.0
+"""Usual steps that may lie between the last stamp before a clock begins again and the first one after it."""
+_LATE_S, _MOST_LATE = 0.3, 0.05
+"""By how much rows may be late that are put in order, s, and the share of such rows."""
 _INTEGER = re.compile(r"\s*\d+\s*")
 _FEWEST_REGULAR, _FEWEST_OF_ONE_STEP = 0.98, 0.5
 """Share of the steps of a counter that are multiples of the usual one, and of those that equal it."""
@@ -143,7 +152,7 @@ def choose_clock(
     Raises:
         ConfigError: The table has no stamps, and no rate is given.
     """
-    counter = next((at for at, name in enumerate(columns.names) if _is_counter(name)), None)
+    counter = next((at for at, name in enumerate(columns.names) if is_counter_name(parse_column(name).name)), None)
     ticks = _find_name(columns.names, TICKS)
     if rate_hz is not None:
         if counter is not None:
@@ -181,7 +190,7 @@ def read_times(path: Path, columns: Columns, clock: Clock, cells: Array, count: 
         return np.arange(count) / clock.rate_hz
     name = columns.names[clock.at]
     if clock.kind == "stamps":
-        cells = _unwrap_stamps(path, name, cells, notes)
+        cells = _unwrap_stamps(path, name, cells, columns.fraction is not None, notes)
         return cells * _find_time_factor(path, columns, cells, notes)
     if not np.isfinite(cells).all():
         row = int(np.argmin(np.isfinite(cells)))
@@ -238,19 +247,51 @@ def _find_name(names: Sequence[str], wanted: str) -> int | None:
     return next((at for at, name in enumerate(names) if re.sub(r"[\s_]", "", name).lower() == wanted), None)
 
 
-def _is_counter(name: str) -> bool:
-    """Whether a name is that of a counter of packets or samples."""
-    joined = parse_column(name).name
-    return bool(_COUNTER.fullmatch(joined) or _COUNTER.fullmatch(joined.replace("_", "")))
+def find_row_order(path: Path, t: Array, notes: Notes) -> NDArray[np.int64] | None:
+    """Order (N,) of rows some of which are late, as packets of UDP are; None for rows in order, and other steps.
+
+    Args:
+        path: Named by the report.
+        t: (N,) s.
+        notes: Collects the report.
+    """
+    if not len(t) or not np.isfinite(t).all():
+        return None
+    lateness = np.maximum.accumulate(t) - t
+    late = int(np.count_nonzero(lateness))
+    if not late or late > _MOST_LATE * len(t) or lateness.max() > _LATE_S:
+        return None
+    notes.warn(
+        f"{path.name}: {late} rows come up to {lateness.max():.3g} s late; all are put in the order of their stamps"
+    )
+    return np.argsort(t, kind="stable")
 
 
-def _unwrap_stamps(path: Path, name: str, stamps: Array, notes: Notes) -> Array:
-    """Stamps (N,) of a clock of 32 bits that began again, as `micros()` of an Arduino, without the steps back."""
-    back = np.diff(stamps) < -_TICK_SIZE / 2
-    if not back.any() or stamps.max() >= _TICK_SIZE or np.any(stamps < 0) or np.any(stamps != np.rint(stamps)):
+def _unwrap_stamps(path: Path, name: str, stamps: Array, is_whole: bool, notes: Notes) -> Array:
+    """Stamps (N,) of a clock that began again, as `micros()` of an Arduino or seconds of a day, without the steps back.
+
+    The clock's size is the one with which the steps back become about as long as the others.
+
+    Args:
+        path: Named by the report.
+        name: Name of the column.
+        stamps: (N,) numbers in the unit of the column.
+        is_whole: Whether they are whole seconds, beside a column of the rest.
+        notes: Collects the report.
+    """
+    steps = np.diff(stamps)
+    rising = steps[steps > 0]
+    if not np.any(steps < 0) or len(rising) < (1 if is_whole else _FEWEST_STEPS):
         return stamps
-    notes.warn(f"{path.name}: {name} begins again after 2³² counts {int(back.sum())} times; its stamps are continued")
-    return np.asarray(stamps + _TICK_SIZE * np.concatenate(([0], np.cumsum(back))))
+    usual = float(np.median(rising))
+    for size in (_MINUTE_S, *_STAMP_SIZES) if is_whole else _STAMP_SIZES:
+        back = steps < -size / 2
+        gaps = steps[back] + size
+        span = stamps.max() - stamps.min()
+        if span < size and len(gaps) and np.all((gaps > 0) & (gaps <= _MOST_STEPS_AT_END * usual)):
+            notes.warn(f"{path.name}: {name} begins again after {size} {len(gaps)} times; its stamps are continued")
+            return np.asarray(stamps + size * np.concatenate(([0], np.cumsum(back))))
+    return stamps
 
 
 def _count_times(path: Path, name: str, counts: Array, rate_hz: float, notes: Notes) -> Array:
@@ -258,11 +299,7 @@ def _count_times(path: Path, name: str, counts: Array, rate_hz: float, notes: No
 
     A counter that rises by a number of its own per sample, as one of several streams, is divided by that number.
     """
-    size = (
-        _TICK_SIZE
-        if re.sub(r"[\s_]", "", name).lower() == TICKS
-        else next((size for size in _COUNTER_SIZES if counts.max(initial=0.0) < size), _COUNTER_SIZES[-1])
-    )
+    size = _TICK_SIZE if re.sub(r"[\s_]", "", name).lower() == TICKS else _find_counter_size(counts)
     since = _unwrap_counter(path, name, counts, size)
     steps = np.diff(since)
     rising = steps[steps > 0]
@@ -280,6 +317,20 @@ def _count_times(path: Path, name: str, counts: Array, rate_hz: float, notes: No
         )
         return np.arange(len(counts)) / rate_hz
     return np.rint(since / usual) / rate_hz
+
+
+def _find_counter_size(counts: Array) -> int:
+    """Number of counts after which a counter (N,) begins again: the least with which few are lost wherever it does."""
+    steps = np.diff(counts)
+    back = steps[steps < 0]
+    sizes = [size for size in _COUNTER_SIZES if counts.max(initial=0.0) < size]
+    usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 1.0
+
+    def fits(size: int) -> bool:
+        most = max(_FEW_AT_END, _MOST_AT_END * size) if size in _USUAL_SIZES else _LEAST_AT_END
+        return bool(np.all(back + size <= usual * most))
+
+    return next((size for size in sizes if len(back) and fits(size)), _COUNTER_SIZES[-1])
 
 
 def _unwrap_counter(path: Path, name: str, counts: Array, size: int) -> Array:
@@ -327,7 +378,7 @@ def _find_time_factor(path: Path, columns: Columns, t: Array, notes: Notes) -> f
         raise ConfigError(path, "column 1", "numbers of rows", f"stamps in s, or {RATE} HZ")
     # rows per stamp, as of packets; the rate of the rows decides on the unit
     packet = max(1.0, (len(t) - 1) / max(1, len(rising)))
-    for unit in ("s", "ms", "µs", "ns"):
+    for unit in ("s", "ms", "µs", "ns", "d"):
         rate = packet / (UNITS[TIME][unit] * step)
         if IMU_RATES_HZ[0] < rate < IMU_RATES_HZ[1]:
             notes.warn(f"{path.name}: {name or 'time'} has no unit; {unit} assumed: {rate:.4g} Hz")

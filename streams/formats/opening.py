@@ -23,7 +23,7 @@ from stridetwin.streams.formats.imu_bridging import bridge_gaps
 from stridetwin.streams.formats.imu_columns import NUMBERED, OPTION
 from stridetwin.streams.formats.imu_folder import is_imu_folder
 from stridetwin.streams.formats.imu_table import read_imu_tables
-from stridetwin.streams.formats.imu_text import OPEN_SUFFIXES, SUFFIXES, TableRequest, is_imu_text
+from stridetwin.streams.formats.imu_text import OPEN_SUFFIXES, TableRequest, has_table_suffix, is_imu_text
 from stridetwin.streams.formats.imu_unmeasured import leave_out_unmeasured
 from stridetwin.streams.kalibr import read_rig
 from stridetwin.streams.plausible import (
@@ -149,7 +149,8 @@ def recognise(path: Path) -> str:
             return kind
     if path.suffix == ".vrs":
         return "vrs"
-    if path.suffix in (".npz", *SUFFIXES) and (path.suffix not in OPEN_SUFFIXES or is_imu_text(path)):
+    suffix = path.suffix.lower()
+    if suffix == ".npz" or (has_table_suffix(path) and (suffix not in OPEN_SUFFIXES or is_imu_text(path))):
         return "table"
     if path.suffix.lower() in _UNREAD:
         raise StrideTwinError(f"{path}: {path.suffix} files are not read: {_UNREAD[path.suffix.lower()]}")
@@ -161,7 +162,7 @@ def recognise(path: Path) -> str:
         raise RecordingError(f"{path}: this is no {by_name[path.suffix]}")
     kinds = ", ".join(FILE_FORMATS)
     numbered = f"; a text table of an IMU needs names of its columns, or their numbers: {OPTION} {NUMBERED}"
-    hint = numbered if path.suffix in OPEN_SUFFIXES else ""
+    hint = numbered if suffix in OPEN_SUFFIXES else ""
     raise StrideTwinError(f"{path}: unknown content: expected a recording of one of the kinds {kinds}{hint}")
 
 
@@ -171,9 +172,16 @@ def is_table(path: Path, request: TableRequest) -> bool:
     Raises:
         StrideTwinError: The source does not exist or is of no known kind.
     """
-    if request.columns and path.is_file() and path.suffix in SUFFIXES:
+    if request.columns and (path.is_file() or _has_tables(path)):
         return True
     return recognise(path) == "table"
+
+
+def _has_tables(path: Path) -> bool:
+    """Whether a path is a folder of text tables that has the layout of no other kind."""
+    if not path.is_dir() or _find_layout(path) not in (None, "table"):
+        return False
+    return any(map(has_table_suffix, path.iterdir()))
 
 
 def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | None = None) -> Recording:
@@ -308,7 +316,8 @@ def imu_topic(name: str) -> str:
         return f"/{segment}/imu"
     if side and not segment:
         return f"/foot_{side}/imu"
-    return f"/{re.sub(r'[^A-Za-z0-9_]+', '_', name).strip('_')}/imu"
+    topic = re.sub(r"[^A-Za-z0-9_]+", "_", name).strip("_")
+    return f"/imu_{topic}/imu" if topic[:1].isdigit() else f"/{topic}/imu"
 
 
 def _read_source(path: Path, kind: str, options: ImportOptions, notes: Notes) -> Source:
