@@ -67,7 +67,7 @@ _OTHER_QUANTITY = re.compile(
 _WITHOUT_GRAVITY = re.compile(r"(?:^|_)(?:linear\w*|lin)(?:_|$)|linear_?acc|lin_?acc")
 _FREE = re.compile(r"free|user|linear|(?:^|_)lin(?:_|$)")
 """What the names of forces contain from which gravity was taken out."""
-_RAW = re.compile(r"(?:^|_)(?:raw|uncal\w*?|filtered|filt|filter|smooth\w*)(?=_|$)")
+_RAW = re.compile(r"(?:^|_)(?:raw|uncal[a-z]*|filtered|filt|filter|smooth[a-z]*)(?=_|$)")
 _FILLERS = re.compile(
     r"(?:^|_)(?:axis|cal|calibrated|sensor|data|imu|values?|field|body|si|total|meas\w*|component|ln|wr|low_?noise"
     r"|wide_?range|lowg|low_g|incl_gravity|with_gravity|rs_s|3dof|g|x|y|z)(?=_|$)"

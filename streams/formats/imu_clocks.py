@@ -36,6 +36,8 @@ _MOST_AT_END, _FEW_AT_END, _LEAST_AT_END = 0.02, 50, 5
 """Counts that may be lost where a counter begins again: a share of all its counts, or few; fewer of unusual sizes."""
 _STAMP_SIZES = (2**16, 86_400, 604_800, 2**24, 86_400_000, 604_800_000, 2**32, 86_400_000_000)
 """Numbers after which clocks begin again: those of 16, 24 and 32 bits, days and weeks."""
+_DAYS = (719_529.0, 25_569.0)
+"""1970 in days of MATLAB and of spreadsheets."""
 _MINUTE_S, _FEWEST_STEPS = 60, 10
 """Seconds of a minute, which count on their own in tables of whole seconds; steps that are needed to know a clock."""
 _MOST_STEPS_AT_END = 50.0
@@ -190,8 +192,9 @@ def read_times(path: Path, columns: Columns, clock: Clock, cells: Array, count: 
         return np.arange(count) / clock.rate_hz
     name = columns.names[clock.at]
     if clock.kind == "stamps":
-        cells = _unwrap_stamps(path, name, cells, columns.fraction is not None, notes)
-        return cells * _find_time_factor(path, columns, cells, notes)
+        cells = _unwrap_stamps(path, name, cells, columns.of_minute, notes)
+        factor = _find_time_factor(path, columns, cells, notes)
+        return factor * (_count_days(cells) if factor == UNITS[TIME]["d"] else cells)
     if not np.isfinite(cells).all():
         row = int(np.argmin(np.isfinite(cells)))
         raise ConfigError(path, f"{name}, row {row + 1}", float(cells[row]), "a count")
@@ -267,7 +270,14 @@ def find_row_order(path: Path, t: Array, notes: Notes) -> NDArray[np.int64] | No
     return np.argsort(t, kind="stable")
 
 
-def _unwrap_stamps(path: Path, name: str, stamps: Array, is_whole: bool, notes: Notes) -> Array:
+def _count_days(days: Array) -> Array:
+    """Days (N,) since 1970, from those of spreadsheets (since 1900) and of MATLAB (since the year 0)."""
+    first = days[0] if len(days) else 0.0
+    offset = next((offset for offset in _DAYS if first > offset), 0.0)
+    return np.asarray(days - offset)
+
+
+def _unwrap_stamps(path: Path, name: str, stamps: Array, is_of_minute: bool, notes: Notes) -> Array:
     """Stamps (N,) of a clock that began again, as `micros()` of an Arduino or seconds of a day, without the steps back.
 
     The clock's size is the one with which the steps back become about as long as the others.
@@ -276,15 +286,15 @@ def _unwrap_stamps(path: Path, name: str, stamps: Array, is_whole: bool, notes: 
         path: Named by the report.
         name: Name of the column.
         stamps: (N,) numbers in the unit of the column.
-        is_whole: Whether they are whole seconds, beside a column of the rest.
+        is_of_minute: Whether they may be seconds of a minute, beside columns of minutes or of the rest.
         notes: Collects the report.
     """
     steps = np.diff(stamps)
     rising = steps[steps > 0]
-    if not np.any(steps < 0) or len(rising) < (1 if is_whole else _FEWEST_STEPS):
+    if not np.any(steps < 0) or len(rising) < (1 if is_of_minute else _FEWEST_STEPS):
         return stamps
     usual = float(np.median(rising))
-    for size in (_MINUTE_S, *_STAMP_SIZES) if is_whole else _STAMP_SIZES:
+    for size in (_MINUTE_S, *_STAMP_SIZES) if is_of_minute else _STAMP_SIZES:
         back = steps < -size / 2
         gaps = steps[back] + size
         span = stamps.max() - stamps.min()

@@ -90,6 +90,7 @@ class Columns:
         signals: Forces and rates, by sensor.
         fraction: Index of the part of a second beside stamps in whole seconds; None without.
         fraction_s: Unit of that part, s.
+        of_minute: Whether the stamps are seconds of a minute, beside columns of minutes and hours.
         epoch: Index of stamps since 1970 beside those since the begin of the file; None without.
         epoch_s: Their unit, s.
     """
@@ -100,6 +101,7 @@ class Columns:
     signals: tuple[Signal, ...] = field(default_factory=tuple)
     fraction: int | None = None
     fraction_s: float = 0.0
+    of_minute: bool = False
     epoch: int | None = None
     epoch_s: float = 0.0
 
@@ -146,7 +148,8 @@ def find_columns(
     for sensor, kind, rest in list(axes_by_group):  # raw columns count only where no others are
         if (sensor, kind, rest.removesuffix("raw").strip()) in axes_by_group and rest.endswith("raw"):
             del axes_by_group[sensor, kind, rest]
-    time = find_time(named, sample)
+    seconds = _find_seconds(names)
+    time = find_time(named, sample) if seconds is None else seconds
     signals = tuple(
         _to_signal(path, header, sensor, kind, axes, named, dialect, sample)
         for (sensor, kind), axes in _pair_groups(axes_by_group, named).items()
@@ -154,14 +157,21 @@ def find_columns(
     signals = tuple(replace(signal, time=_find_own_time(signal, named, time, sample)) for signal in signals)
     if time is None and sensors and names[0] in ("", "axis"):  # gaitmap's table has times in its unnamed first column
         time = 0
-    known = unit_of(named[time].unit) if time is not None else None  # quantity and unit in the header
+    time_text = "s" if seconds is not None else named[time].unit if time is not None else ""
+    known = unit_of(time_text)  # quantity and unit in the header
     time_unit = known[1] if known is not None and known[0] == TIME else dialect.get(TIME, "")
     epoch, epoch_s = _find_epoch(named, time) if quantity else (None, 0.0)
     columns = Columns(
-        names=tuple(header), time=time, time_unit=time_unit, signals=signals, epoch=epoch, epoch_s=epoch_s
+        names=tuple(header),
+        time=time,
+        time_unit=time_unit,
+        signals=signals,
+        of_minute=seconds is not None,
+        epoch=epoch,
+        epoch_s=epoch_s,
     )
     for second, part, unit_s in _list_split_stamps(named, sample):
-        return replace(columns, time=second, time_unit="s", fraction=part, fraction_s=unit_s)
+        return replace(columns, time=second, time_unit="s", fraction=part, fraction_s=unit_s, of_minute=True)
     return columns
 
 
@@ -226,6 +236,13 @@ def is_stamp_column(column: ColumnName) -> bool:
     return is_abscissa or (is_time_name(column.name) and not column.axis)
 
 
+def _find_seconds(names: Sequence[str]) -> int | None:
+    """Index of the seconds of a minute in a table with columns of minutes and seconds, by their names; None without."""
+    if not {"minute", "minutes", "min"} & set(names):
+        return None
+    return next((names.index(name) for name in ("second", "seconds", "sec") if name in names), None)
+
+
 def _find_epoch(named: Sequence[ColumnName], time: int | None) -> tuple[int | None, float]:
     """Index and unit in s of stamps since 1970 beside those since the begin of the file, as MetaMotion's.
 
@@ -253,14 +270,19 @@ def _find_rising_column(named: Sequence[ColumnName], sample: Sequence[Sequence[s
     """
     for at, column in enumerate(named):
         known = unit_of(column.unit)
-        if known is not None and known[0] == TIME and not column.axis and _rises(sample, at):
+        if known is not None and known[0] == TIME and not column.axis and _holds_stamps(sample, at):
             return at
     if not named or named[0].quantity or is_counter_name(named[0].name):
         return None
-    cells = [row[0] for row in sample if row]
+    is_index = all(row[0].strip().isdigit() for row in sample if row)
+    return 0 if not is_index and _holds_stamps(sample, 0) else None
+
+
+def _holds_stamps(sample: Sequence[Sequence[str]], at: int) -> bool:
+    """Whether the cells of a column are dates or times of day, or numbers that rise as stamps do."""
+    cells = [row[at] for row in sample if at < len(row)]
     is_clock = len(cells) > 1 and all(is_stamp(cell) and not is_number(cell) for cell in cells)
-    is_index = all(cell.strip().isdigit() for cell in cells)
-    return 0 if is_clock or (not is_index and _rises(sample, 0)) else None
+    return is_clock or _rises(sample, at)
 
 
 def _rises(sample: Sequence[Sequence[str]], at: int) -> bool:
@@ -416,6 +438,17 @@ def find_force_without_gravity(header: Sequence[str]) -> str:
     return next((cell for cell in header if is_without_gravity(cell)), "")
 
 
+_INCREMENT = re.compile(
+    r"(?:d[qv][\W_]?(?:[wxyz]|[0-3])|velinc|oriinc|delta[\W_]?(?:v|theta|angle|velocity|q)).*", re.IGNORECASE
+)
+"""Names of changes of velocity and attitude from sample to sample."""
+
+
+def find_increment(header: Sequence[str]) -> str:
+    """Name of the first column of a change of velocity or attitude from sample to sample; "" for none."""
+    return next((cell for cell in header if _INCREMENT.fullmatch(cell.strip())), "")
+
+
 def missing_axis_error(path: Path, quantity: str, axis: str, header: Sequence[str]) -> ConfigError:
     """The error to raise about a table without an axis of a quantity; it suggests names of the column.
 
@@ -427,7 +460,11 @@ def missing_axis_error(path: Path, quantity: str, axis: str, header: Sequence[st
     """
     names = [name.format(axis) for name in _NAMES[quantity]]
     columns = ", ".join(header) or "none"
-    valid = f"a column {' or '.join(names)}; the table has {columns}; other names: {OPTION} {EXAMPLE}"
+    increment = find_increment(header)
+    advice = (
+        f"increments as {increment} are not read: export accelerations and angular velocities; " if increment else ""
+    )
+    valid = f"a column {' or '.join(names)}; {advice}the table has {columns}; other names: {OPTION} {EXAMPLE}"
     return ConfigError(path, names[0], None, valid)
 
 

@@ -150,9 +150,10 @@ def _list_tables(path: Path) -> dict[Path, str]:
     files = [f for f in files if not _WITHOUT_GRAVITY.search(f.name)]
     tables = {file: quantity_of(file.stem) for file in files if quantity_of(file.stem)}
     for file in files[:_MOST_HEADS]:
-        if file not in tables and file.suffix != ".sto" and not {ACCEL, GYRO} <= set(tables.values()):
-            if len(kinds := find_quantities(file)) == 1:
-                tables[file] = kinds.pop()
+        if file in tables or file.suffix == ".sto" or {ACCEL, GYRO} <= set(tables.values()):
+            continue
+        if len(kinds := find_quantities(file)) == 1:
+            tables[file] = kinds.pop()
     if (path / _TOTAL).is_file():
         tables = {file: kind for file, kind in tables.items() if file.name == _TOTAL or kind == GYRO}
     return tables

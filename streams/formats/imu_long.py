@@ -218,6 +218,7 @@ def read_long_groups(
             clock = Clock(at=layout.time, kind=kind, rate_hz=rate_hz or 0.0)
             t = read_times(path, columns, clock, table[:, 0], len(table), notes)
         key_unit = key[-1] if layout.unit is not None else parse_column(key[0]).unit or named[layout.values[0]].unit
+        key_unit = "" if layout.is_guessed else key_unit
         factor = _find_factor(path, key[0], quantity, key_unit, notes)
         sensor = key[1] if layout.sensor is not None else sensor_of_text(key[0])
         if (sensor, quantity, axis) not in series:

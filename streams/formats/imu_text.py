@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from stridetwin.streams.bounded import LONGEST_ROW, read_lines
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.formats.column_names import AXES
+from stridetwin.streams.formats.column_names import AXES, is_counter_name, parse_column
 from stridetwin.streams.formats.imu_clocks import (
+    TICKS,
     Clock,
     choose_clock,
     find_row_order,
@@ -42,6 +43,7 @@ from stridetwin.streams.formats.imu_columns import (
     Signal,
     find_columns,
     find_force_without_gravity,
+    find_increment,
     find_named_column,
     is_stamp_column,
     map_columns,
@@ -135,11 +137,15 @@ def read_text_table(path: Path, request: TableRequest, notes: Notes, quantity: s
 
 
 def is_imu_text(path: Path) -> bool:
-    """Whether a text table has columns of an IMU: forces or rates, also those without gravity; no error is raised."""
+    """Whether a text table has columns of an IMU: forces or rates, or what is refused in place of them.
+
+    No error is raised.
+    """
     head = _read_head(path)
     if head is None:
         return False
-    return bool(find_quantities(path)) or (head.has_names and bool(find_force_without_gravity(head.names)))
+    is_other = find_force_without_gravity(head.names) or find_increment(head.names)
+    return bool(find_quantities(path)) or (head.has_names and bool(is_other))
 
 
 def find_quantities(path: Path) -> set[str]:
@@ -428,10 +434,22 @@ def _read_own_times(
 
 def _report_unused(path: Path, head: TableHead, used: Sequence[int], notes: Notes) -> None:
     """Names the columns that are neither stamps nor forces nor rates, as a misspelled one would be among them."""
-    names = [name for at, name in enumerate(head.names) if at not in used and name.strip() and head.has_names]
+    names = [
+        name
+        for at, name in enumerate(head.names)
+        if head.has_names and at not in used and name.strip() and not _counts_or_times(name)
+    ]
     if names:
         more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
         notes.warn(f"{path.name}: columns that are not used: {', '.join(names[:_MOST_NAMED])}{more}")
+
+
+def _counts_or_times(name: str) -> bool:
+    """Whether a column has other stamps or numbers of the rows."""
+    column = parse_column(name)
+    joined = column.name.replace("_", "")
+    is_index = joined.startswith("unnamed") or joined in ("index", "row", TICKS)
+    return is_index or is_counter_name(column.name) or is_stamp_column(column)
 
 
 def _read_long(path: Path, head: TableHead, layout: LongLayout, request: TableRequest, notes: Notes) -> list[TablePart]:

@@ -29,12 +29,13 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     },
 }
 """Factor to s, m/s² and rad/s of each unit, by quantity."""
-_LONGEST = 24
+_LONGEST = 40
 """Most characters of a unit."""
 _CHANGES = (
     (re.compile(r"[\s()\[\]{}\"']"), ""),
     (re.compile(r"μ"), "µ"),  # the Greek letter becomes the micro sign
     (re.compile(r"\*\*"), "^"),
+    (re.compile(r"squared"), "^2"),
     (re.compile(r"â(?=[°µ²])|^[?\ufffd¡ø](?=/s)"), ""),  # signs that were saved in another encoding
     (re.compile(r"(?<=/s)ý$"), "²"),
     (re.compile(r"^/s"), "deg/s"),
