@@ -39,6 +39,9 @@ _OUTER_BRACKETS = re.compile(r"(.*?)\s*[(\[{<](.+)[)\]}>]\s*")
 _JOINT = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 """Where a word begins in `AccX` or `elapsedRealtimeNanos`."""
 _NUMBERED_AXIS = re.compile(r"(?<=[acgwyor_][xyz])(?=\d{1,2}$)|(?<=^[xyz])(?=\d{1,2}$)")
+_NUMBERED_QUANTITY = re.compile(r"((?:^|_)(?:acc|accel|gyr|gyro))(?=\d$)")
+_SIDE_LETTER = re.compile(r"^([lr])(?=[agw][xyz]$)")
+"""A number behind a quantity, as in `acc0`, and the letter of a side before it, as in `lax`."""
 _LONGEST = 120
 """Most characters of a name that are read."""
 _UNIT_WORDS = 4  # most words of a unit at the end of a name
@@ -131,7 +134,7 @@ def is_without_gravity(cell: str) -> bool:
 def _join_words(text: str) -> str:
     """Lower-case words of a name, joined by `_`; the number of a sensor behind an axis, as in `ax2`, is a word."""
     words = re.sub(r"[^a-z0-9]+", "_", _JOINT.sub("_", text.strip()).lower()).strip("_")
-    return _NUMBERED_AXIS.sub("_", words)
+    return _SIDE_LETTER.sub(r"\1_", _NUMBERED_QUANTITY.sub(r"\1_", _NUMBERED_AXIS.sub("_", words)))
 
 
 def _split_unit_at_end(text: str, joined: str, with_linear: bool) -> tuple[str, str]:
@@ -176,7 +179,7 @@ def _axis_of(joined: str) -> str:
     return axes[-1] if axes else ""
 
 
-TIME_NAMES = ("t", "seconds_elapsed", "elapsed", "time", "timestamp", "time_stamp", "timestamps", "epoc", "epoch")
+TIME_NAMES = ("t", "seconds_elapsed", "elapsed", "time", "timestamp", "time_stamp", "timestamps", "ts", "epoc", "epoch")
 """Names of columns of time, the first of which counts."""
 _TIME_NAME = re.compile(
     r"(?:^|_)(?:time|timestamps?|stamps?|elapsed|clock|seconds|secs?|millis|micros|nanos|msecs?|usecs?|epoch|datetime"

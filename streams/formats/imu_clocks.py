@@ -36,6 +36,7 @@ _MOST_AT_END, _FEW_AT_END, _LEAST_AT_END = 0.02, 50, 5
 """Counts that may be lost where a counter begins again: a share of all its counts, or few; fewer of unusual sizes."""
 _STAMP_SIZES = (2**16, 86_400, 604_800, 2**24, 86_400_000, 604_800_000, 2**32, 86_400_000_000)
 """Numbers after which clocks begin again: those of 16, 24 and 32 bits, days and weeks."""
+_RAISED = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 _DAYS = (719_529.0, 25_569.0)
 """1970 in days of MATLAB and of spreadsheets."""
 _MINUTE_S, _FEWEST_STEPS = 60, 10
@@ -299,7 +300,10 @@ def _unwrap_stamps(path: Path, name: str, stamps: Array, is_of_minute: bool, not
         gaps = steps[back] + size
         span = stamps.max() - stamps.min()
         if span < size and len(gaps) and np.all((gaps > 0) & (gaps <= _MOST_STEPS_AT_END * usual)):
-            notes.warn(f"{path.name}: {name} begins again after {size} {len(gaps)} times; its stamps are continued")
+            count = str(size) if size & (size - 1) else f"2{str(size.bit_length() - 1).translate(_RAISED)}"
+            notes.warn(
+                f"{path.name}: {name} begins again after {count} counts {len(gaps)} times; its stamps are continued"
+            )
             return np.asarray(stamps + size * np.concatenate(([0], np.cumsum(back))))
     return stamps
 

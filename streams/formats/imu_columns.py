@@ -26,6 +26,7 @@ from stridetwin.streams.formats.column_names import (
 from stridetwin.streams.formats.imu_stamps import is_stamp
 from stridetwin.streams.formats.imu_units import ACCEL, COUNTS, GYRO, TIME, UNITS, factor_of, unit_of
 from stridetwin.streams.formats.table_head import is_number, is_plain_number
+from stridetwin.streams.segments import side_of
 
 OPTION = "--columns"
 """Option of the command line that names the columns, and an example of its text, for errors."""
@@ -527,7 +528,8 @@ def _pair_groups(
 ) -> dict[tuple[str, str], dict[str, int]]:
     """The columns of the forces and of the rates of each sensor.
 
-    Where names alone tell sensors apart, as `left_acc_x` and `left_gyr_x`, each sensor with both counts. Otherwise the
+    Where names alone tell sensors apart, as `left_acc_x` and `left_gyr_x`, each sensor with both counts, and the only
+    one keeps its side. Otherwise the
     first force and the first rate are those of the only sensor, calibrated ones before raw ones.
 
     Args:
@@ -549,7 +551,7 @@ def _pair_groups(
         }
         common = [rest for rest in complete[ACCEL] if rest in complete[GYRO]]
         for kind in (ACCEL, GYRO):
-            if len(common) > 1 and not sensor:
+            if not sensor and (len(common) > 1 or (len(common) == 1 and side_of(common[0]))):
                 result |= {(rest, kind): axes_by_group[sensor, kind, rest] for rest in common}
             elif rests[kind]:
                 result[sensor, kind] = axes_by_group[sensor, kind, (common or rests[kind])[0]]

@@ -93,9 +93,18 @@ def read_folder_parts(path: Path, request: TableRequest, notes: Notes) -> list[T
     if (path / _METADATA).is_file() and _is_raw_iphone(path / _METADATA):
         notes.warn(f"{_METADATA}: an iPhone's forces have the opposite sign, which is corrected")
         parts = [replace(p, values=-p.values) if p.quantity == ACCEL else p for p in parts]
+    parts = _align_zeros(parts)
     if len({part.sensor for part in parts}) == 1 or len(parts) == len(tables) == 2:  # the only sensor needs no name
         parts = [replace(part, sensor="") for part in parts]
     return without_only_sensor(parts)
+
+
+def _align_zeros(parts: Sequence[TablePart]) -> list[TablePart]:
+    """The parts on the clock of the earliest one, if each counts from its own begin and gives the time of that."""
+    zeros = [part.zero_s for part in parts if part.zero_s is not None]
+    if len(zeros) < len(parts):
+        return list(parts)
+    return [replace(part, t=part.t + round(zero - min(zeros), 6)) for part, zero in zip(parts, zeros)]
 
 
 def _select_columns(request: TableRequest, quantity: str) -> TableRequest:

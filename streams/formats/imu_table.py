@@ -18,7 +18,7 @@ from stridetwin.streams.formats.column_names import AXES
 from stridetwin.streams.formats.derived import check_overlap, join_at_gyro_stamps
 from stridetwin.streams.formats.imu_bridging import bridge_gaps
 from stridetwin.streams.formats.imu_clocks import RATE
-from stridetwin.streams.formats.imu_columns import OPTION, missing_axis_error
+from stridetwin.streams.formats.imu_columns import EXAMPLE, OPTION, missing_axis_error
 from stridetwin.streams.formats.imu_folder import read_folder_parts
 from stridetwin.streams.formats.imu_text import SUFFIXES, TablePart, TableRequest, has_table_suffix, read_text_table
 from stridetwin.streams.formats.imu_units import ACCEL, GYRO
@@ -121,7 +121,8 @@ def _to_imu_block(path: Path, sensor: str, parts: Mapping[str, TablePart], notes
                 only_part.file,
                 quantity,
                 None,
-                f"{what} of {sensor or 'the sensor'} as well; where they are in a second file, give the folder of both",
+                f"{what} of {sensor or 'the sensor'} as well; where they are in a second file, give the folder of both; "
+                f"other names: {OPTION} {EXAMPLE}",
             )
     force, rate = parts[ACCEL], parts[GYRO]
     name = sensor or "IMU"

@@ -105,6 +105,7 @@ class TablePart:
         quantity: `accel` or `gyro`.
         t: (N,) s.
         values: (N, 3) m/s² or rad/s.
+        zero_s: Time of t = 0 since 1970, where the table gives both; None otherwise.
     """
 
     file: Path
@@ -112,6 +113,7 @@ class TablePart:
     quantity: str
     t: Array
     values: Array
+    zero_s: float | None = None
 
 
 def read_text_table(path: Path, request: TableRequest, notes: Notes, quantity: str | None = None) -> list[TablePart]:
@@ -354,21 +356,39 @@ def _read_cells(
     result: dict[tuple[str, ...], list[TablePart]] = {}
     for key, (table, texts) in groups.items():
         cells = {index: table[:, place] for place, index in reversed(list(enumerate(wanted)))}
-        values = [np.column_stack([cells[index] for index in signal.at]) * signal.factor for signal in columns.signals]
         if unused is not None:
             report_rate(path, columns, cells[unused], clock.rate_hz, notes)
         if own_times:
-            times_of_signals = _read_own_times(path, head, columns, cells, notes)
+            clocks = _read_own_times(path, head, columns, cells, notes)
         else:
             t = _read_shared_times(path, head, columns, clock, cells, texts if texts_at is not None else None, notes)
-            if (order := find_row_order(path, t, notes)) is not None:
-                t, values = t[order], [v[order] for v in values]
-            times_of_signals = [(t, slice(None))] * len(values)
+            order = find_row_order(path, t, notes)
+            clocks = [(t, np.arange(len(t))) if order is None else (t[order], order)] * len(columns.signals)
         result[key] = [
-            TablePart(file=path, sensor=signal.sensor, quantity=signal.quantity, t=t, values=v[rows])
-            for signal, v, (t, rows) in zip(columns.signals, values, times_of_signals)
+            _to_part(path, columns, signal, cells, t, rows)
+            for signal, (t, rows) in zip(columns.signals, clocks, strict=True)
         ]
     return result
+
+
+def _to_part(
+    path: Path, columns: Columns, signal: Signal, cells: Mapping[int, Array], t: Array, rows: NDArray[np.int64]
+) -> TablePart:
+    """The part of a signal.
+
+    Args:
+        path: The table.
+        columns: The columns.
+        signal: The signal.
+        cells: (N,) numbers by the index of their column.
+        t: (K,) times, s.
+        rows: (K,) rows that they are of.
+    """
+    values = signal.factor * np.column_stack([cells[index] for index in signal.at])[rows]
+    zero_s = None
+    if columns.epoch is not None and columns.epoch in cells and len(t):
+        zero_s = float(columns.epoch_s * cells[columns.epoch][rows[0]] - t[0])
+    return TablePart(file=path, sensor=signal.sensor, quantity=signal.quantity, t=t, values=values, zero_s=zero_s)
 
 
 def _read_shared_times(
@@ -398,15 +418,13 @@ def _read_shared_times(
         t = read_times(path, columns, clock, np.empty(0) if clock.at is None else cells[clock.at], count, notes)
     if columns.fraction in cells and columns.fraction is not None and clock.kind == "stamps":
         t = t + columns.fraction_s * cells[columns.fraction]
-    if columns.epoch in cells and columns.epoch is not None and len(t):
-        t = t + (columns.epoch_s * cells[columns.epoch][0] - t[0])
     return t
 
 
 def _read_own_times(
     path: Path, head: TableHead, columns: Columns, cells: Mapping[int, Array], notes: Notes
-) -> list[tuple[Array, NDArray[np.bool_]]]:
-    """Times (K,) s of each signal, and (N,) which rows they are of, in a table of several clocks.
+) -> list[tuple[Array, NDArray[np.int64]]]:
+    """Times (K,) s of each signal, and the rows (K,) that they are of, in a table of several clocks.
 
     Args:
         path: Named by errors.
@@ -416,17 +434,17 @@ def _read_own_times(
         notes: Collects what was assumed.
     """
     named = parse_header(head.names, head.units)
-    known: dict[int, tuple[Array, NDArray[np.bool_]]] = {}  # by the column of stamps
+    known: dict[int, tuple[Array, NDArray[np.int64]]] = {}  # by the column of stamps
     result = []
     for signal in columns.signals:
         at = columns.time if signal.time is None else signal.time
         if at is None:
             raise missing_axis_error(path, TIME, "", head.names)
         if at not in known:
-            rows = np.isfinite(cells[at])
+            rows = np.flatnonzero(np.isfinite(cells[at]))
             unit = unit_of(named[at].unit)
             of_signal = replace(columns, time=at, time_unit=columns.time_unit if unit is None else unit[1])
-            t = read_times(path, of_signal, Clock(at=at, kind="stamps"), cells[at][rows], int(rows.sum()), notes)
+            t = read_times(path, of_signal, Clock(at=at, kind="stamps"), cells[at][rows], len(rows), notes)
             known[at] = (t, rows)
         result.append(known[at])
     return result
