@@ -22,6 +22,8 @@ _REST_S, _REST_SD, _FEWEST_AT_REST = 0.25, 0.3, 5
 """A rest: length of a window in s, most standard deviation of the force's magnitude in m/s², fewest samples."""
 _MOVING_SPREAD = (0.5, 2.0)
 """Least and largest median force in motion, in multiples of gravity."""
+_MOVING_SD = 1.0
+"""Standard deviation of the force from which on a sensor moves, m/s²."""
 _FASTEST = 60.0  # rad/s: 3400 °/s, beyond what foot-worn gyros measure
 _LEAST_FAR_M, _MOST_FAR_M, _USUAL_FAR_M = 0.6, 15.0, 3.0
 _DEPTH_FACTORS = (5.0, 0.2, 10.0, 0.1, 2.0, 0.5, 1000.0, 0.001)
@@ -122,14 +124,35 @@ def find_implausible_values(block: Block[Sample]) -> Iterator[Implausible]:
         fastest = float(np.percentile(np.abs(block.columns["angular_rate"]), 99.9))
         fault = find_rate_fault(block.t_ns, block.columns["specific_force"], block.columns["angular_rate"])
         if fastest > _FASTEST:
-            hint = "is it in °/s? Multiply by 0.0174533" if fault is None else f"probably {fault.cause}"
+            is_known = fault is not None and fault.cause
+            hint = f"probably {fault.cause}" if is_known and fault else "is it in °/s? Multiply by 0.0174533"
             yield Implausible("gyro", f"up to {fastest:.0f}", f"rad/s; {hint}")
-        elif fault is not None:
+        elif not np.ptp(block.columns["angular_rate"], axis=0).any() and force_sd(block) > _MOVING_SD:
+            yield Implausible("gyro", "the same rates in all rows", "measured rates, as the forces change; is it on?")
+        elif fault is not None and fault.cause:
             yield Implausible(
                 "gyro",
                 f"rates that leave {fault.misfit_mps2:.2g} m/s² of the forces over from one rest to the next",
                 f"rates that agree with the forces, with {fault.corrected_mps2:.2g} m/s²; probably {fault.cause}",
             )
+
+
+def force_sd(block: Block[Sample]) -> float:
+    """Standard deviation of the magnitude of the specific force of an IMU, m/s²."""
+    return float(np.linalg.norm(block.columns["specific_force"], axis=1).std())
+
+
+def find_doubt(block: Block[Sample]) -> str:
+    """What makes the samples of an IMU doubtful though no usual mistake explains it, for a warning; "" for nothing."""
+    if "angular_rate" not in block.columns:
+        return ""
+    fault = find_rate_fault(block.t_ns, block.columns["specific_force"], block.columns["angular_rate"])
+    if fault is None or fault.cause:
+        return ""
+    return (
+        f"rates leave {fault.misfit_mps2:.2g} m/s² of the forces over from one rest to the next, much more than usual: "
+        "the path may be wrong; were they filtered, turned to other axes, or recorded by another clock?"
+    )
 
 
 def find_implausible_depth(depths: Sequence[Array]) -> Iterator[Implausible]:

@@ -66,6 +66,12 @@ _RATES = (
 """Lines of a preamble that give the rate of samples, such as `// Update Rate: 100.0Hz` and `OutputRate:,60Hz`."""
 
 
+_SHORT_RATE = re.compile(
+    r"[\W_]*(?:fs|f_s|odr|freq(?:uency)?|rate)\b[^0-9a-z]{0,8}(\d+(?:[.,]\d+)?)\s*(k?hz|sps)", re.IGNORECASE
+)
+"""Lines that begin with the rate of samples, such as `fs = 100 Hz`."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Clock:
     """What tells the times of the rows.
@@ -86,7 +92,7 @@ class Clock:
 def preamble_rate(preamble: Sequence[str]) -> float:
     """Rate in Hz that a line above the numbers gives; 0 without one."""
     for line in preamble:
-        if (matched := _RATES[0].search(line)) is not None:
+        if (matched := _RATES[0].search(line) or _SHORT_RATE.match(line)) is not None:
             return float(matched[1].replace(",", ".")) * (1000.0 if matched[2].lower() == "khz" else 1.0)
         if (matched := _RATES[1].search(line)) is not None:
             return float(matched[2]) * (1000.0 if matched[1].lower() == "khz" else 1.0)
@@ -140,13 +146,20 @@ def has_nanoseconds(named: Sequence[ColumnName], sample: Sequence[Sequence[str]]
 
 
 def choose_clock(
-    path: Path, columns: Columns, rate_hz: float | None, given_hz: float, tick_s: float, notes: Notes
+    path: Path,
+    columns: Columns,
+    sample: Sequence[Sequence[str]],
+    rate_hz: float | None,
+    given_hz: float,
+    tick_s: float,
+    notes: Notes,
 ) -> Clock:
     """Decides what tells the times of the rows.
 
     Args:
         path: Named by errors.
         columns: The columns of the table.
+        sample: Cells of the first rows, by which a counter of another name is known.
         rate_hz: Rate that the user gives: of the counter, if the table has one, else of the rows; None without one.
         given_hz: Rate in the preamble; 0 without one.
         tick_s: Length of a tick (`tick_length`); 0 in a table without ticks.
@@ -157,6 +170,8 @@ def choose_clock(
     """
     counter = next((at for at, name in enumerate(columns.names) if is_counter_name(parse_column(name).name)), None)
     ticks = _find_name(columns.names, TICKS)
+    if counter is None and ticks is None and (rate_hz is not None or given_hz > 0):
+        counter = _find_counting_column(columns, sample)
     if rate_hz is not None:
         if counter is not None:
             return Clock(at=counter, kind="counter", rate_hz=rate_hz)
@@ -331,6 +346,24 @@ def _count_times(path: Path, name: str, counts: Array, rate_hz: float, notes: No
         )
         return np.arange(len(counts)) / rate_hz
     return np.rint(since / usual) / rate_hz
+
+
+def _find_counting_column(columns: Columns, sample: Sequence[Sequence[str]]) -> int | None:
+    """Index of the first column that is not used and counts up, mostly by one, in some rows; None without.
+
+    Args:
+        columns: The columns of the table.
+        sample: Cells of these rows.
+    """
+    used = {columns.time, columns.fraction, *(at for signal in columns.signals for at in signal.at)}
+    for at in range(len(columns.names)):
+        cells = [row[at] for row in sample if at < len(row)]
+        if at in used or len(cells) < _FEWEST_STEPS or not all(map(_INTEGER.fullmatch, cells)):
+            continue
+        steps = np.diff(np.array(cells, np.float64))
+        if np.count_nonzero(steps <= 0) <= 1 and np.median(steps) == 1:
+            return at
+    return None
 
 
 def _find_counter_size(counts: Array) -> int:

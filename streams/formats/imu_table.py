@@ -24,7 +24,7 @@ from stridetwin.streams.formats.imu_text import SUFFIXES, TablePart, TableReques
 from stridetwin.streams.formats.imu_units import ACCEL, GYRO
 from stridetwin.streams.formats.imu_unmeasured import leave_out_unmeasured
 from stridetwin.streams.formats.tum import LATEST_S
-from stridetwin.streams.plausible import find_implausible_values
+from stridetwin.streams.plausible import find_doubt, find_implausible_values
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.samples import Array, Block, Imu, Stamps
 
@@ -121,8 +121,8 @@ def _to_imu_block(path: Path, sensor: str, parts: Mapping[str, TablePart], notes
                 only_part.file,
                 quantity,
                 None,
-                f"{what} of {sensor or 'the sensor'} as well; where they are in a second file, give the folder of both; "
-                f"other names: {OPTION} {EXAMPLE}",
+                f"{what} of {sensor or 'the sensor'} as well; where they are in a second file, give the folder of both"
+                f"; other names: {OPTION} {EXAMPLE}",
             )
     force, rate = parts[ACCEL], parts[GYRO]
     name = sensor or "IMU"
@@ -151,6 +151,8 @@ def _to_imu_block(path: Path, sensor: str, parts: Mapping[str, TablePart], notes
         raise ConfigError(
             path, implausible.field, implausible.value, f"{implausible.valid}; {_ADVICE[implausible.field]}"
         )
+    if doubt := find_doubt(block):
+        notes.warn(f"{name}: {doubt}")
     return block
 
 

@@ -338,7 +338,8 @@ def _read_cells(
         ConfigError: A cell is no number, or the table has no stamps and no rate.
     """
     rate_hz = preamble_rate(head.preamble)
-    clock = choose_clock(path, columns, request.rate_hz, rate_hz, tick_length(head.names, head.sample, rate_hz), notes)
+    tick_s = tick_length(head.names, head.sample, rate_hz)
+    clock = choose_clock(path, columns, head.sample, request.rate_hz, rate_hz, tick_s, notes)
     at = [clock.at] if clock.at is not None else []
     texts_at = at[0] if at and has_text_stamps(head, at[0]) else None
     has_fraction = columns.fraction is not None and clock.kind == "stamps"

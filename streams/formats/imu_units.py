@@ -34,6 +34,10 @@ _LONGEST = 40
 _CHANGES = (
     (re.compile(r"[\s()\[\]{}\"']"), ""),
     (re.compile(r"μ"), "µ"),  # the Greek letter becomes the micro sign
+    (re.compile(r"град"), "deg"),
+    (re.compile(r"рад"), "rad"),
+    (re.compile(r"[cс]ек|с(?![а-я])"), "s"),  # Cyrillic letters
+    (re.compile(r"м(?![а-я])"), "m"),
     (re.compile(r"\*\*"), "^"),
     (re.compile(r"squared"), "^2"),
     (re.compile(r"â(?=[°µ²])|^[?\ufffd¡ø](?=/s)"), ""),  # signs that were saved in another encoding

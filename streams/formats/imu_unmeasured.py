@@ -29,6 +29,9 @@ _CLEAR = 8.0
 """Steps of the numbers' resolution by which the rows around are others."""
 _FAST: Mapping[str, float] = {"accel": 2.0, "gyro": 0.5}
 """By how much the rows at both ends of a longer run must be others, m/s² or rad/s."""
+_LEAST_ZEROS, _CLEARLY = 0.05, 3.0
+"""Share of rows with a zero on one axis that count as no measurement, and by how many usual steps the rows around are
+others."""
 _MOST_SHARE = 0.9
 """Share of rows without a measurement from which on the stream is refused."""
 _FEWEST_FILLS = 2
@@ -43,16 +46,18 @@ _FAR = 2.0
 def find_unmeasured(quantity: str, values: Array) -> Flags:
     """Finds the rows in which no axis of a quantity was measured.
 
-    A row with a cell that is no number is none. Three equal numbers (zeros, or a fill value that occurs twice or is far
-    from all others) are none if the rows around are clearly others: by more than the resolution of the numbers in short
-    runs and where measured rows stand alone, by a fast movement in longer runs, since a gyroscope at rest may show
-    zeros.
+    A row with a cell that is no number is none, and so are rows in which one axis is 0 again and again, unlike the rows
+    around. Three equal numbers (zeros, or a fill value that occurs twice or is far from all others) are none if the
+    rows around are clearly others: by more than the resolution of the numbers in short runs and where measured rows
+    stand alone, by a fast movement in longer runs, since a gyroscope at rest may show zeros.
 
     Args:
         quantity: `accel` or `gyro`.
         values: (N, 3) m/s² or rad/s.
     """
     empty = np.asarray(np.isnan(values).any(axis=1), bool)
+    for axis in range(values.shape[1]):
+        empty |= _find_zeros(values[:, axis])
     finite = np.asarray(np.isfinite(values).all(axis=1), bool)
     equal = finite & (values[:, 0] == values[:, 1]) & (values[:, 1] == values[:, 2])
     if not equal.any() or len(values) < _SHORTEST_RUN:
@@ -64,6 +69,28 @@ def find_unmeasured(quantity: str, values: Array) -> Flags:
         if fill == 0.0 or count >= _FEWEST_FILLS or abs(fill) > _FAR * np.abs(values[finite & ~equal]).max(initial=0.0):
             result |= _find_fills(quantity, values, equal & (values[:, 0] == fill), float(fill), ~equal & finite)
     return result
+
+
+def _find_zeros(values: Array) -> Flags:
+    """The rows (N,) in which one axis alone is exactly 0 again and again, while the rows around it are clearly others.
+
+    Args:
+        values: (N,) numbers of one axis.
+    """
+    none: Flags = np.zeros(len(values), bool)
+    is_zero = values == 0.0
+    at = np.flatnonzero(~is_zero & np.isfinite(values))
+    if len(at) < 2 or np.count_nonzero(is_zero) < _LEAST_ZEROS * len(values):
+        return none
+    around = np.abs(np.interp(np.arange(len(values)), at, values[at]))
+    jumps = np.abs(np.diff(values[at]))
+    resolution = float(np.abs(values[at]).min())
+    begins, ends, runs = _find_runs(is_zero)
+    typical = float(np.median(jumps))  # between measured rows
+    for begin, end, length in zip(begins, ends, runs):
+        clear = around[begin:end].min()
+        none[begin:end] = length <= _SHORTEST_RUN and clear > _CLEAR * resolution and clear > _CLEARLY * typical
+    return none if np.count_nonzero(none) >= _LEAST_ZEROS * len(values) else np.zeros(len(values), bool)
 
 
 def find_held(values: Array) -> Flags:

@@ -28,6 +28,7 @@ from stridetwin.streams.formats.imu_unmeasured import leave_out_unmeasured
 from stridetwin.streams.kalibr import read_rig
 from stridetwin.streams.plausible import (
     IMAGE_RATES_HZ,
+    find_doubt,
     find_implausible_depth,
     find_implausible_rates,
     find_implausible_values,
@@ -588,6 +589,8 @@ def _check_plausible(source: Source, notes: Notes) -> None:
                 continue
             for implausible in find_implausible_values(sound):
                 notes.add_problem(Problem(topic, int(sound.t_ns[0]), str(implausible)))
+            if source.kind != "table" and (doubt := find_doubt(sound)):  # of tables it is reported before
+                notes.warn(f"{topic}: {doubt}")
     for topic, images in source.images.items():
         rising = images.t_ns[is_increasing(images.t_ns)]
         if len(rising) < _FEWEST:

@@ -31,6 +31,7 @@ _THOUSANDS = {
     for mark, gap in ((".", ", '"), (",", ". '"))
 }
 """Numbers whose thousands are marked, as `1,234.5` and `1.234,5`, by the decimal mark."""
+_COMMENT_AT_END = re.compile(r"(?<=\S)\s+(?:#|//).*$")
 _BLANK_CELL = re.compile(r'"([^"]*)"|(\S+)')
 _SIGNS = str.maketrans(
     {"\u2212": "-", "\u2010": "-", "\u2011": "-", "\u00a0": " ", "\u202f": " ", "\u2009": " ", "\ufeff": ""}
@@ -103,7 +104,7 @@ def read_table_head(lines: Iterator[str], wanted: Iterable[str] = ()) -> TableHe
     buffer, shape = _read_until_numbers(lines)
     if (at := next((k for k, line in enumerate(buffer) if _REALSENSE.match(line)), None)) is not None:
         return _head_of_realsense(buffer, at, lines)
-    begin = next((k for k, line in enumerate(buffer) if _is_row(line, shape)), len(buffer))
+    begin = _find_begin(buffer, shape, set(wanted))
     above = [(k, line) for k, line in enumerate(buffer[:begin]) if line.strip()]
     names_at, names = _find_names(above, shape, set(wanted))
     if names_at is None and begin == len(buffer) and above:  # no numbers at all: the last line may be the names
@@ -131,6 +132,25 @@ def read_table_head(lines: Iterator[str], wanted: Iterable[str] = ()) -> TableHe
         rows=rows,
         skipped=tuple(x for k, x in between if k not in used and not _is_comment(x, shape.separator)),
     )
+
+
+def _find_begin(buffer: Sequence[str], shape: _Shape, wanted: set[str]) -> int:
+    """Place of the first row of numbers; of the first one below the names if numbers such as a matrix stand above them.
+
+    Args:
+        buffer: Lines until the numbers.
+        shape: Shape of the rows of numbers.
+        wanted: Names that the user gives.
+    """
+    begin = next((k for k, line in enumerate(buffer) if _is_row(line, shape)), len(buffer))
+    above = [(k, line) for k, line in enumerate(buffer[:begin]) if line.strip()]
+    if _find_names(above, shape, wanted)[0] is not None:
+        return begin
+    below = [(k, x) for k, x in enumerate(buffer[begin : begin + _HEADER_REACH], begin) if x.strip()]
+    named_at, names = _find_names([(k, x) for k, x in below if not _is_row(x, shape)], shape, wanted)
+    if named_at is None or _score_names(names, wanted) < _FEW_CELLS:
+        return begin
+    return next((k for k in range(named_at, len(buffer)) if _is_row(buffer[k], shape)), begin)
 
 
 def is_number(cell: str) -> bool:
@@ -242,8 +262,15 @@ def _split_blanks(line: str) -> list[str]:
 
 def _split_rows(lines: Iterator[str], separator: str) -> Iterator[list[str]]:
     """Cells of the lines that are no comments."""
-    kept = (line for line in lines if not _is_comment(line, separator))
+    kept = (_clean_row(line) for line in lines if not _is_comment(line, separator))
     return map(_split_blanks, kept) if separator == _SPACES else csv.reader(kept, delimiter=separator)
+
+
+def _clean_row(line: str) -> str:
+    """A row without a comment at its end, and without quotes if one has no partner, as it would take other lines."""
+    if "#" in line or "//" in line:
+        line = _COMMENT_AT_END.sub("", line)
+    return line.replace('"', "") if line.count('"') % 2 else line
 
 
 def _is_comment(line: str, separator: str) -> bool:
