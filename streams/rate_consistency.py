@@ -31,8 +31,8 @@ _FEWEST, _MOST = 3, 12
 _MISFIT_MPS2, _BETTER = 0.3, 0.5
 """Rates are inconsistent if they leave over more than this, and if a correction leaves less than this share of it."""
 _DOUBTFUL_MPS2 = 1.2
-"""Misfit from which on rates are doubtful even if no usual mistake explains it, m/s²; 19 recordings of real feet have up
-to 0.85."""
+"""Misfit from which on rates are doubtful even if no usual mistake explains it, m/s²; 19 recordings of real feet are
+within 0.85."""
 _DEGREE = math.pi / 180
 _CLOCK_S = (-0.2, -0.1, -0.05, 0.05, 0.1, 0.2)
 """Shifts of the rates against the forces that are tried, s."""

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.formats.column_names import ColumnName, is_counter_name, parse_column
@@ -43,8 +42,6 @@ _MINUTE_S, _FEWEST_STEPS = 60, 10
 """Seconds of a minute, which count on their own in tables of whole seconds; steps that are needed to know a clock."""
 _MOST_STEPS_AT_END = 50.0
 """Usual steps that may lie between the last stamp before a clock begins again and the first one after it."""
-_LATE_S, _MOST_LATE = 0.3, 0.05
-"""By how much rows may be late that are put in order, s, and the share of such rows."""
 _INTEGER = re.compile(r"\s*\d+\s*")
 _FEWEST_REGULAR, _FEWEST_OF_ONE_STEP = 0.98, 0.5
 """Share of the steps of a counter that are multiples of the usual one, and of those that equal it."""
@@ -264,26 +261,6 @@ def parse_stamps(path: Path, name: str, texts: Sequence[str]) -> Array:
 def _find_name(names: Sequence[str], wanted: str) -> int | None:
     """Index of the column of a name, whatever its case and its gaps; None without one."""
     return next((at for at, name in enumerate(names) if re.sub(r"[\s_]", "", name).lower() == wanted), None)
-
-
-def find_row_order(path: Path, t: Array, notes: Notes) -> NDArray[np.int64] | None:
-    """Order (N,) of rows some of which are late, as packets of UDP are; None for rows in order, and other steps.
-
-    Args:
-        path: Named by the report.
-        t: (N,) s.
-        notes: Collects the report.
-    """
-    if not len(t) or not np.isfinite(t).all():
-        return None
-    lateness = np.maximum.accumulate(t) - t
-    late = int(np.count_nonzero(lateness))
-    if not late or late > _MOST_LATE * len(t) or lateness.max() > _LATE_S:
-        return None
-    notes.warn(
-        f"{path.name}: {late} rows come up to {lateness.max():.3g} s late; all are put in the order of their stamps"
-    )
-    return np.argsort(t, kind="stable")
 
 
 def _count_days(days: Array) -> Array:

@@ -203,12 +203,12 @@ def _check_packing(path: Path) -> None:
 
 
 def _check_numbers(part: TablePart) -> None:
-    """Rejects a table of fewer than `MIN_ROWS` rows, or with an infinite number, or a time that is no number."""
+    """Rejects a table of fewer than `MIN_ROWS` rows, or with a number that is not finite beside others in its row."""
     if len(part.t) < MIN_ROWS:
         raise ConfigError(part.file, "rows", len(part.t), f"at least {MIN_ROWS}")
     for name, values in (("t", part.t[:, None]), (part.quantity, part.values)):
         # rows without a measurement are left out elsewhere
-        is_empty = np.asarray(np.isnan(values).any(axis=1) & (name != "t"), bool)
+        is_empty = np.asarray(np.isnan(values).all(axis=1) & (name != "t"), bool)
         bad = np.argwhere(~np.isfinite(values) & ~is_empty[:, None])  # (K, 2) row and column of each
         if len(bad):
             row, axis = bad[0]

@@ -22,7 +22,6 @@ from stridetwin.streams.formats.imu_clocks import (
     TICKS,
     Clock,
     choose_clock,
-    find_row_order,
     has_nanoseconds,
     is_dot_tick,
     parse_stamps,
@@ -363,8 +362,7 @@ def _read_cells(
             clocks = _read_own_times(path, head, columns, cells, notes)
         else:
             t = _read_shared_times(path, head, columns, clock, cells, texts if texts_at is not None else None, notes)
-            order = find_row_order(path, t, notes)
-            clocks = [(t, np.arange(len(t))) if order is None else (t[order], order)] * len(columns.signals)
+            clocks = [(t, np.arange(len(t)))] * len(columns.signals)
         result[key] = [
             _to_part(path, columns, signal, cells, t, rows)
             for signal, (t, rows) in zip(columns.signals, clocks, strict=True)

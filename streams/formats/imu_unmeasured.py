@@ -46,7 +46,7 @@ _FAR = 2.0
 def find_unmeasured(quantity: str, values: Array) -> Flags:
     """Finds the rows in which no axis of a quantity was measured.
 
-    A row with a cell that is no number is none, and so are rows in which one axis is 0 again and again, unlike the rows
+    Three cells that are no numbers are none, and so are rows in which one axis is 0 again and again, unlike the rows
     around. Three equal numbers (zeros, or a fill value that occurs twice or is far from all others) are none if the
     rows around are clearly others: by more than the resolution of the numbers in short runs and where measured rows
     stand alone, by a fast movement in longer runs, since a gyroscope at rest may show zeros.
@@ -55,7 +55,7 @@ def find_unmeasured(quantity: str, values: Array) -> Flags:
         quantity: `accel` or `gyro`.
         values: (N, 3) m/s² or rad/s.
     """
-    empty = np.asarray(np.isnan(values).any(axis=1), bool)
+    empty = np.asarray(np.isnan(values).all(axis=1), bool)
     for axis in range(values.shape[1]):
         empty |= _find_zeros(values[:, axis])
     finite = np.asarray(np.isfinite(values).all(axis=1), bool)
@@ -145,7 +145,7 @@ def leave_out_unmeasured(name: str, block: Block[SampleT], notes: Notes) -> Bloc
             continue
         lacking = find_unmeasured(quantity, block.columns[column])
         if lacking.any():
-            is_empty = np.isnan(block.columns[column]).any(axis=1)
+            is_empty = np.isnan(block.columns[column]).all(axis=1)
             _report(name, quantity, lacking, int(np.sum(is_empty)), notes)
             flags[column] = lacking
         elif (held := find_held(block.columns[column])).any():

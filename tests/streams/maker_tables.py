@@ -210,6 +210,12 @@ ODD: dict[str, Writer] = {
     "WitMotion in Chinese, UTF-8": wit_motion_in("utf-8"),
     "Japanese": japanese,
     "French": french,
+    "Russian": lambda folder: save(
+        folder / "a.csv",
+        ",".join(["Время (с)", *(f"Ускорение {a} (g)" for a in "XYZ"), *(f"Скорость {a} (°/с)" for a in "XYZ")]),
+        rows(T, FORCE / G, GYRO / DEG),
+        "cp1251",
+    ),
     "phyphox in German": german_phyphox,
     "SensorLog of an iPhone": ios_sensor_log,
     "matrices of MATLAB": matrix_variables,
@@ -234,6 +240,12 @@ ODD: dict[str, Writer] = {
     "a footer": lines(UNITS_SI, BODY, "", "Recording stopped", f"Total samples: {N}"),
     "a footer of numbers": lines(UNITS_SI, BODY, "Mean,0.1,0.2,9.8,0,0,0"),
     "marks of the operator": lines(UNITS_SI, BODY[:40], "MARK,button", BODY[40:80], "*** battery low ***", BODY[80:]),
+    "comments at the ends of rows": lines(
+        UNITS_SI, [f"{row}  # a step" if k % 9 == 0 else row for k, row in enumerate(BODY)]
+    ),
+    "a quote without a partner": lines(UNITS_SI, BODY[:50], f'"{BODY[50]}', BODY[51:]),
+    "a matrix above the names": lines("Calibration:", ["1,0,0,0,1,0,0"] * 3, UNITS_SI, BODY),
+    "a rate above the names": lines("fs = 100 Hz", QUANTITIES, rows(FORCE, GYRO)),
     "line ends of old computers": lines(UNITS_SI, BODY, end="\r"),
     "separators behind all rows": lines(UNITS_SI, [f"{row},," for row in BODY]),
     "zeros at the end": with_zeros_at_end,

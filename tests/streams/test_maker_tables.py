@@ -7,6 +7,7 @@ import pytest
 from foreign_tables import BODY, NAMES, rows, save
 from logger_files import DEG, FORCE, FORCE_R, GYRO, GYRO_R, G, N, T
 from maker_tables import BOTH_FEET, ODD, UNITS_SI, clock, metamotion_late, text_rows
+from scipy.signal import butter, filtfilt
 
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.formats.imu_columns import parse_mapping
@@ -101,12 +102,10 @@ def test_a_counter_begins_again_after_any_usual_number(tmp_path, size):
     np.testing.assert_allclose(block.t_ns, 1e9 * T, atol=2)
 
 
-def test_late_rows_are_put_in_order_and_sessions_refused(tmp_path):
+def test_late_rows_and_sessions_are_refused(tmp_path):
     body = list(BODY)
     body[50], body[51] = body[51], body[50]
-    recording, block = read(save(tmp_path / "a.csv", UNITS_SI, body))
-    check(block)
-    assert any("1 rows come up to 0.01 s late" in w for w in recording.warnings)
+    refused(save(tmp_path / "a.csv", UNITS_SI, body), r"row 52\b.*stamps go back 1 times: sort the rows")
     says = r"row 81\b.*: invalid 0\.0: .*did the recording begin again, .*Cut the file"
     refused(save(tmp_path / "b.csv", UNITS_SI, [*BODY[:80], UNITS_SI, *BODY]), says)
     refused(save(tmp_path / "c.csv", UNITS_SI, BODY[:80] + BODY[50:]), r"row 81\b.*sort the rows by their stamps")
@@ -135,12 +134,36 @@ def test_cells_without_a_measurement(tmp_path):
     body = list(BODY)
     for k, text in enumerate(("#N/A", "#VALUE!", "#DIV/0!", "NaN", "")):
         cells = body[20 * k + 10].split(",")
-        cells[4 if k > 2 else slice(4, 7)] = text if k > 2 else [text] * 3
+        cells[4:7] = [text] * 3
         body[20 * k + 10] = ",".join(cells)
     recording, block = read(save(tmp_path / "a.csv", UNITS_SI, body))
     assert any("5 of 120 rows have no rates" in w for w in recording.warnings)
     kept = np.arange(N) % 20 != 10
     np.testing.assert_allclose(block.columns["angular_rate"][kept], GYRO[kept], atol=1e-6)
+
+
+def test_one_axis_of_zeros_in_every_second_row(tmp_path):
+    t, force, gyro = simulate_foot()
+    force[1::2, 2] = 0.0
+    recording, block = read(save(tmp_path / "a.csv", NAMES, rows(t, force, gyro)))
+    assert any("rows have no forces" in w for w in recording.warnings)
+    assert np.median(np.linalg.norm(block.columns["specific_force"][:150], axis=1)) == pytest.approx(9.81, abs=0.05)
+
+
+def test_lost_packets_are_known_by_a_counter_of_any_name(tmp_path):
+    kept = np.arange(N) % 10 != 3
+    for name in ("No.", "ID", "n", "#", "pkt_cnt", "Index"):
+        body = rows((7 + np.arange(N))[kept], FORCE[kept], GYRO[kept])
+        _, block = read(save(tmp_path / "a.csv", UNITS_SI.replace("Time (s)", name), body), rate_hz=100.0)
+        np.testing.assert_allclose(block.t_ns, 1e9 * T, atol=2)
+
+
+def test_rates_that_never_change_and_rates_that_are_filtered(tmp_path):
+    t, force, gyro = simulate_foot()
+    refused(save(tmp_path / "a.csv", NAMES, rows(t, force, 0 * gyro)), "gyro: invalid 'the same rates in all rows'")
+    smooth = filtfilt(*butter(2, 2 / 50), gyro, axis=0)
+    recording, _ = read(save(tmp_path / "b.csv", NAMES, rows(t, force, smooth)))
+    assert any("of the forces over from one rest to the next, much more than usual" in w for w in recording.warnings)
 
 
 def test_columns_that_are_not_used_are_named(tmp_path):
