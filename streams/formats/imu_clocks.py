@@ -35,6 +35,8 @@ _MOST_AT_END, _FEW_AT_END, _LEAST_AT_END = 0.02, 50, 5
 """Counts that may be lost where a counter begins again: a share of all its counts, or few; fewer of unusual sizes."""
 _STAMP_SIZES = (2**16, 86_400, 604_800, 2**24, 86_400_000, 604_800_000, 2**32, 86_400_000_000)
 """Numbers after which clocks begin again: those of 16, 24 and 32 bits, days and weeks."""
+_LAST_CLOCK, _MINUTE_NUMBER, _HOUR_NUMBER = 240_000.0, 40.0, 4000.0
+"""Least number that is no time `hhmmss`, and the steps of such numbers at the end of minutes and hours."""
 _RAISED = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 _DAYS = (719_529.0, 25_569.0)
 """1970 in days of MATLAB and of spreadsheets."""
@@ -205,7 +207,7 @@ def read_times(path: Path, columns: Columns, clock: Clock, cells: Array, count: 
         return np.arange(count) / clock.rate_hz
     name = columns.names[clock.at]
     if clock.kind == "stamps":
-        cells = _unwrap_stamps(path, name, cells, columns.of_minute, notes)
+        cells = _unwrap_stamps(path, name, _split_clock_numbers(path, name, cells, notes), columns.of_minute, notes)
         factor = _find_time_factor(path, columns, cells, notes)
         return factor * (_count_days(cells) if factor == UNITS[TIME]["d"] else cells)
     if not np.isfinite(cells).all():
@@ -261,6 +263,21 @@ def parse_stamps(path: Path, name: str, texts: Sequence[str]) -> Array:
 def _find_name(names: Sequence[str], wanted: str) -> int | None:
     """Index of the column of a name, whatever its case and its gaps; None without one."""
     return next((at for at, name in enumerate(names) if re.sub(r"[\s_]", "", name).lower() == wanted), None)
+
+
+def _split_clock_numbers(path: Path, name: str, stamps: Array, notes: Notes) -> Array:
+    """Stamps (N,) as they are, or seconds of the day of those that are times as numbers, as `115959.99` of a GPS."""
+    steps = np.diff(stamps)
+    if len(steps) < _FEWEST_STEPS or not (np.all(steps >= 0) and stamps[0] >= 0 and stamps[-1] < _LAST_CLOCK):
+        return stamps
+    usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
+    gaps = steps[steps > _GAP * usual]
+    of_minutes = np.abs(np.mod(gaps, _HOUR_NUMBER) - _MINUTE_NUMBER) <= usual * _MOST_STEPS_AT_END
+    if not len(gaps) or not of_minutes.all() or usual > 1.0 or np.any(np.mod(stamps, 100) >= _MINUTE_S):
+        return stamps
+    notes.warn(f"{path.name}: {name} has times of day as numbers, hhmmss, by its steps of {gaps[0]:.4g}")
+    hours, minutes = np.floor(stamps / 1e4), np.floor(np.mod(stamps, 1e4) / 100)
+    return np.asarray(3600 * hours + 60 * minutes + np.mod(stamps, 100))
 
 
 def _count_days(days: Array) -> Array:

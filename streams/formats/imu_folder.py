@@ -30,6 +30,7 @@ from stridetwin.streams.formats.imu_units import ACCEL, GYRO
 from stridetwin.streams.formats.table_head import read_table_head
 from stridetwin.streams.formats.text_encoding import detect_encoding
 from stridetwin.streams.recording.index import Notes
+from stridetwin.streams.segments import side_of
 
 _MOST_HEADS = 64  # files of a folder that are looked at for a header
 # what the names of files with forces without gravity contain, and those of files that are neither forces nor rates
@@ -94,8 +95,11 @@ def read_folder_parts(path: Path, request: TableRequest, notes: Notes) -> list[T
         notes.warn(f"{_METADATA}: an iPhone's forces have the opposite sign, which is corrected")
         parts = [replace(p, values=-p.values) if p.quantity == ACCEL else p for p in parts]
     parts = _align_zeros(parts)
-    if len({part.sensor for part in parts}) == 1 or len(parts) == len(tables) == 2:  # the only sensor needs no name
-        parts = [replace(part, sensor="") for part in parts]
+    names = {part.sensor for part in parts}
+    if len(names) == 1 or len(parts) == len(tables) == 2:  # the only sensor needs no name, but keeps its side
+        side = side_of(min(names).lower()) if len(names) == 1 else ""
+        parts = [replace(part, sensor=part.sensor if side else "") for part in parts]
+        return parts
     return without_only_sensor(parts)
 
 

@@ -35,8 +35,11 @@ others."""
 _MOST_SHARE = 0.9
 """Share of rows without a measurement from which on the stream is refused."""
 _FEWEST_FILLS = 2
-_FEWEST_READINGS, _LEAST_HELD = 10, 0.3
+_FEWEST_READINGS, _LEAST_HELD = 10, 0.02
 """Readings in motion that must be held for several rows, and their share among all readings in motion."""
+_FROZEN_ROWS, _MOST_FROZEN = 5, 3
+"""Fewest equal rows that count as those of a sensor that stood still, if a jump is at one of their ends; and most runs
+of them without a jump, of a sensor whose noise lets no other row repeat."""
 _MOST_FILLS = 16
 """Most values that are tried, the most frequent ones first."""
 _FAR = 2.0
@@ -119,6 +122,26 @@ def find_held(values: Array) -> Flags:
     return repeats & (np.repeat(lengths, lengths) <= 2 * np.median(held))
 
 
+def find_frozen(quantity: str, values: Array) -> Flags:
+    """Finds the rows that repeat the row before for long, up to a jump, as where a sensor or its driver stood still.
+
+    Args:
+        quantity: `accel` or `gyro`.
+        values: (N, 3) m/s² or rad/s.
+    """
+    steps = np.abs(np.diff(values, axis=0)).max(axis=1, initial=0.0)  # (N - 1,)
+    frozen: Flags = np.zeros(len(values), bool)
+    begins, ends, runs = _find_runs(np.concatenate(([False], steps == 0.0)))
+    is_rare = len(runs) <= _MOST_FROZEN and bool(np.all(runs >= _FROZEN_ROWS))  # noise lets no other row repeat
+    for begin, end, length in zip(begins, ends, runs):
+        before = steps[begin - 2] if begin > 1 else 0.0
+        after = steps[end - 1] if end - 1 < len(steps) else 0.0
+        is_inside = begin > 1 and end - 1 < len(steps) and bool(values[begin].any())
+        is_sudden = max(before, after) > _FAST[quantity] or (is_rare and is_inside)
+        frozen[begin:end] = length >= _FROZEN_ROWS and is_sudden
+    return frozen
+
+
 def leave_out_unmeasured(name: str, block: Block[SampleT], notes: Notes) -> Block[SampleT]:
     """The stream of an IMU or an accelerometer without the rows in which it was not measured.
 
@@ -154,6 +177,12 @@ def leave_out_unmeasured(name: str, block: Block[SampleT], notes: Notes) -> Bloc
                 "a slower sensor: left out, and interpolated"
             )
             flags[column] = held
+        elif (frozen := find_frozen(quantity, block.columns[column])).any():
+            notes.warn(
+                f"{name}: {int(frozen.sum())} of {len(frozen)} rows repeat the same {_WHAT[quantity]} for long, as of "
+                f"a sensor that stood still: left out, and interpolated over up to {LONGEST_S:g} s"
+            )
+            flags[column] = frozen
     if not flags:
         return block
     columns = dict(block.columns)

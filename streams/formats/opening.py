@@ -292,8 +292,12 @@ def _describe_folder(path: Path) -> str:
     if packed := [entry.name for entry in entries if entry.suffix in _PACKED_SUFFIXES]:
         return f"{packed[0]} is packed: unpack it first"
     names = [f"{entry.name}/" if entry.is_dir() else entry.name for entry in entries]
+    if any(map(has_table_suffix, entries)):
+        advice = f"; if they are tables of IMUs without names of columns: {OPTION} {NUMBERED}"
+    else:
+        advice = ""
     more = [f"and {len(names) - _MOST_LISTED} more"] if len(names) > _MOST_LISTED else []
-    return f"it has {', '.join([*names[:_MOST_LISTED], *more])}" if names else "it is empty"
+    return f"it has {', '.join([*names[:_MOST_LISTED], *more])}{advice}" if names else "it is empty"
 
 
 def _find_layout(path: Path) -> str | None:
@@ -334,7 +338,8 @@ def _read_source(path: Path, kind: str, options: ImportOptions, notes: Notes) ->
         _report_images(path, notes)
         imus = read_imu_tables(path, options.table, notes)
         names = {name: imu_topic(name) for name in imus if name}
-        blocks: dict[str, Block[Sample]] = {name or TABLE_TOPIC: block for name, block in imus.items()}
+        only = "/foot_r/imu" if segment_of(path.stem) == "foot_r" else TABLE_TOPIC
+        blocks: dict[str, Block[Sample]] = {name or only: block for name, block in imus.items()}
         return Source(kind=kind, blocks=blocks, images={}, rig=Rig(), names=names)
     if kind in _READERS:
         has_scale = kind in _WITH_DEPTH_SCALE and options.depth_scale

@@ -166,6 +166,44 @@ def test_rates_that_never_change_and_rates_that_are_filtered(tmp_path):
     assert any("of the forces over from one rest to the next, much more than usual" in w for w in recording.warnings)
 
 
+@pytest.mark.parametrize("both", [True, False])
+def test_a_sensor_that_stood_still_is_reported(tmp_path, both):
+    t, force, gyro = simulate_foot()
+    gyro[640:690] = gyro[640]
+    force[640:690] = force[640] if both else force[640:690]
+    recording, block = read(save(tmp_path / "a.csv", NAMES, rows(t, force, gyro)))
+    assert any("49 of 1721 rows repeat the same rates for long" in w for w in recording.warnings)
+    assert np.diff(block.t_ns).max() == pytest.approx(0.5e9)
+
+
+def test_single_rows_that_repeat_are_left_out(tmp_path):
+    t, force, gyro = simulate_foot()
+    at = np.arange(len(t))
+    repeated = np.random.default_rng(3).choice(at[2:], len(t) // 10, replace=False)
+    at[repeated] -= 1
+    recording, _ = read(save(tmp_path / "a.csv", NAMES, rows(t, force, gyro[at])))
+    assert any("rows repeat the rates of the row before" in w for w in recording.warnings)
+
+
+def test_times_of_day_as_numbers(tmp_path):
+    numbers = np.array([float(text) for text in clock("{h:02d}{m:02d}{s:06.3f}", 43_199.5)])
+    recording, block = read(
+        save(tmp_path / "a.csv", f"utc_time (s),{UNITS_SI.split(',', 1)[1]}", rows(numbers, FORCE, GYRO))
+    )
+    check(block)
+    assert any("times of day as numbers, hhmmss" in w for w in recording.warnings)
+
+
+def test_a_name_of_the_right_foot_counts_for_the_only_sensor(tmp_path):
+    check(read(save(tmp_path / "walk_right_foot.csv", UNITS_SI, BODY), "/foot_r/imu")[1])
+    names = "t," + ",".join(f"right_{q}_{a}" for q in ("acc", "gyr") for a in "xyz")
+    check(read(save(tmp_path / "a.csv", names, BODY), "/foot_r/imu")[1])
+    (folder := tmp_path / "b").mkdir()
+    save(folder / "right_acc.csv", "Time (s),X (g),Y (g),Z (g)", rows(T, FORCE / G))
+    save(folder / "right_gyro.csv", "Time (s),X (dps),Y (dps),Z (dps)", rows(T, GYRO / DEG))
+    check(read(folder, "/foot_r/imu")[1])
+
+
 def test_columns_that_are_not_used_are_named(tmp_path):
     head = f"{UNITS_SI},index,Magn X (uT),q_w,Temperature (C)"
     recording, _ = read(save(tmp_path / "a.csv", head, rows(T, FORCE, GYRO, np.arange(N), T, T, T)))
