@@ -49,7 +49,7 @@ def read_text(path: Path, most: int, encoding: str = "utf-8") -> str:
 
 
 def read_lines(path: Path, encoding: str = "utf-8", longest: int = LONGEST_LINE) -> Iterator[str]:
-    """The lines of a text table or list, without line ends, one at a time.
+    """The lines of a text table or list, without line ends and without zero bytes around them, one at a time.
 
     Args:
         path: The file.
@@ -66,13 +66,15 @@ def read_lines(path: Path, encoding: str = "utf-8", longest: int = LONGEST_LINE)
             raise ConfigError(path, "size in bytes", size, f"up to {LARGEST_TEXT}")
         for number in itertools.count(1):
             line = file.readline(longest + 1)
+            while line and not line.strip("\0"):  # zeros, with which loggers fill up their files
+                line = file.readline(longest + 1)
             if not line:
                 return
             if len(line) > longest:
                 raise ConfigError(path, f"line {number}", f"{line[:20]}...", f"up to {longest} characters")
             if number > MOST_LINES:
                 raise ConfigError(path, "lines", f"more than {MOST_LINES}", f"up to {MOST_LINES}")
-            yield line.rstrip("\n")
+            yield line.rstrip("\n").strip("\0")
 
 
 @contextmanager

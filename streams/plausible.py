@@ -22,6 +22,8 @@ _REST_S, _REST_SD, _FEWEST_AT_REST = 0.25, 0.3, 5
 """A rest: length of a window in s, most standard deviation of the force's magnitude in m/s², fewest samples."""
 _MOVING_SPREAD = (0.5, 2.0)
 """Least and largest median force in motion, in multiples of gravity."""
+_MOVING_SD = 1.0
+"""Standard deviation of the force from which on a sensor moves, m/s²."""
 _FASTEST = 60.0  # rad/s: 3400 °/s, beyond what foot-worn gyros measure
 _LEAST_FAR_M, _MOST_FAR_M, _USUAL_FAR_M = 0.6, 15.0, 3.0
 _DEPTH_FACTORS = (5.0, 0.2, 10.0, 0.1, 2.0, 0.5, 1000.0, 0.001)
@@ -30,6 +32,9 @@ _HINTS = (
     ((0.8, 1.2), f"; is it in g? Multiply by {STANDARD_GRAVITY_MPS2}"),
     ((800.0, 1200.0), f"; is it in milli-g? Multiply by {STANDARD_GRAVITY_MPS2 / 1000}"),
     ((0.0, 3.0), "; has gravity been taken out? It must be the raw specific force"),
+    ((85.0, 110.0), "; is it in m/s², and was taken for g?"),
+    ((8_500.0, 11_000.0), "; is it in mg or mm/s², and was taken for g or m/s²?"),
+    ((200.0, math.inf), "; are they raw counts? Divide them by those of 1 g in the data sheet"),
 )
 """What may be wrong with a median force, by the range of its number; the first range that fits counts."""
 
@@ -67,9 +72,20 @@ def find_implausible_rates(t_ns: Stamps, valid_hz: tuple[float, float]) -> Itera
     """Yields an `Implausible` if the median rate of (N,) stamps is outside `valid_hz`, as with a wrong unit of time."""
     rate, (low, high) = median_rate(t_ns), valid_hz
     if len(t_ns) > 1 and not low <= rate <= high:
-        # times in a smaller unit, taken as seconds, give a rate that is too low
-        hint = "; is t in milliseconds or nanoseconds?" if rate < low else ""
+        hint = _guess_time_unit(rate, valid_hz)
         yield Implausible("t", f"{rate:.4g} Hz", f"a rate of {low:g} to {high:g} Hz, t in s{hint}")
+
+
+def _guess_time_unit(rate_hz: float, valid_hz: tuple[float, float]) -> str:
+    """What may be wrong with the unit of stamps that give an impossible rate, for a message; "" if none is likely."""
+    low, high = valid_hz
+    if rate_hz > high:
+        factors = [factor for factor in (1e3, 1e6, 1e9) if low <= rate_hz / factor <= high]
+        return f"; are the stamps in a unit that is {factors[0]:g} times larger, as s and ms?" if factors else ""
+    for name, factor in (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9)):
+        if low <= rate_hz * factor <= high:
+            return f"; is t in {name}, or in a unit that is {factor:g} times smaller than the given one?"
+    return "; is t in milliseconds or nanoseconds?" if rate_hz < low else ""
 
 
 def force_at_rest(t_ns: Stamps, specific_force: Array) -> tuple[float, bool]:
@@ -106,14 +122,37 @@ def find_implausible_values(block: Block[Sample]) -> Iterator[Implausible]:
         yield Implausible("accel", f"median magnitude {force:.3g}{where}", f"about 9.8 m/s²{hint}")
     if "angular_rate" in block.columns:
         fastest = float(np.percentile(np.abs(block.columns["angular_rate"]), 99.9))
+        fault = find_rate_fault(block.t_ns, block.columns["specific_force"], block.columns["angular_rate"])
         if fastest > _FASTEST:
-            yield Implausible("gyro", f"up to {fastest:.0f}", "rad/s; is it in °/s? Multiply by 0.0174533")
-        elif fault := find_rate_fault(block.t_ns, block.columns["specific_force"], block.columns["angular_rate"]):
+            is_known = fault is not None and fault.cause
+            hint = f"probably {fault.cause}" if is_known and fault else "is it in °/s? Multiply by 0.0174533"
+            yield Implausible("gyro", f"up to {fastest:.0f}", f"rad/s; {hint}")
+        elif not np.ptp(block.columns["angular_rate"], axis=0).any() and force_sd(block) > _MOVING_SD:
+            yield Implausible("gyro", "the same rates in all rows", "measured rates, as the forces change; is it on?")
+        elif fault is not None and fault.cause:
             yield Implausible(
                 "gyro",
                 f"rates that leave {fault.misfit_mps2:.2g} m/s² of the forces over from one rest to the next",
                 f"rates that agree with the forces, with {fault.corrected_mps2:.2g} m/s²; probably {fault.cause}",
             )
+
+
+def force_sd(block: Block[Sample]) -> float:
+    """Standard deviation of the magnitude of the specific force of an IMU, m/s²."""
+    return float(np.linalg.norm(block.columns["specific_force"], axis=1).std())
+
+
+def find_doubt(block: Block[Sample]) -> str:
+    """What makes the samples of an IMU doubtful though no usual mistake explains it, for a warning; "" for nothing."""
+    if "angular_rate" not in block.columns:
+        return ""
+    fault = find_rate_fault(block.t_ns, block.columns["specific_force"], block.columns["angular_rate"])
+    if fault is None or fault.cause:
+        return ""
+    return (
+        f"rates leave {fault.misfit_mps2:.2g} m/s² of the forces over from one rest to the next, much more than usual: "
+        "the path may be wrong; were they filtered, turned to other axes, or recorded by another clock?"
+    )
 
 
 def find_implausible_depth(depths: Sequence[Array]) -> Iterator[Implausible]:

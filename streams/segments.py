@@ -7,10 +7,15 @@ import re
 _SIDE = r"(?:left|right|[lr])"
 _FOOT_WORDS = r"(?:foot|feet|shoe|boots?|insole|ankle|heel|toes?|midfoot|forefoot|hindfoot)"
 _FOOT = re.compile(
-    rf"(?<![a-z])[lr]f(?![a-z])|foot|shoe|ankle|heel|insole|(?<![a-z]){_SIDE}?(?:boots?|toes?){_SIDE}?(?![a-z])"
+    rf"(?<![a-z])[lr]f(?![a-z])|foot|shoe|fu(?:ss|ß)|ankle|heel|insole|"
+    rf"(?<![a-z]){_SIDE}?(?:boots?|toes?){_SIDE}?(?![a-z])"
 )
-_LEFT = re.compile(rf"left|(?<![a-z])lf(?![a-z])|(?<![a-z])l(?:(?![a-z])|(?={_FOOT_WORDS}))|{_FOOT_WORDS}l(?![a-z])")
-_RIGHT = re.compile(rf"right|(?<![a-z])rf(?![a-z])|(?<![a-z])r(?:(?![a-z])|(?={_FOOT_WORDS}))|{_FOOT_WORDS}r(?![a-z])")
+_LEFT = re.compile(
+    rf"left|links|(?<![a-z])l[ft](?![a-z])|(?<![a-z])l(?:(?![a-z])|(?={_FOOT_WORDS}))|{_FOOT_WORDS}l(?![a-z])"
+)
+_RIGHT = re.compile(
+    rf"right|rechts|(?<![a-z])r[ft](?![a-z])|(?<![a-z])r(?:(?![a-z])|(?={_FOOT_WORDS}))|{_FOOT_WORDS}r(?![a-z])"
+)
 _CHEST = re.compile(r"(?<![a-z])(?:chest|sternum|torso|thorax|trunk|upper_?body)(?![a-z])")
 _HEAD = re.compile(r"(?<![a-z])(?:fore)?head(?![a-z])|helmet|glasses|goggles|headset|(?<![a-z])(?:hmd|ears?)(?![a-z])")
 _OTHER = re.compile(

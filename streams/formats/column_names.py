@@ -22,6 +22,7 @@ class ColumnName:
         axis: `x`, `y` or `z`; "" if the name has none.
         sensor: What else the name says, such as `left`.
         is_raw: Whether the name says that the numbers are raw, uncalibrated or filtered.
+        is_by_unit: Whether the unit alone tells the quantity, as in other languages.
     """
 
     name: str
@@ -30,12 +31,17 @@ class ColumnName:
     axis: str = ""
     sensor: str = ""
     is_raw: bool = False
+    is_by_unit: bool = False
 
 
 _LAST_BRACKETS = re.compile(r"(.*?)\s*[(\[{<]([^()\[\]{}<>]*)[)\]}>]\s*")
 _OUTER_BRACKETS = re.compile(r"(.*?)\s*[(\[{<](.+)[)\]}>]\s*")
 _JOINT = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 """Where a word begins in `AccX` or `elapsedRealtimeNanos`."""
+_NUMBERED_AXIS = re.compile(r"(?<=[acgwyor_][xyz])(?=\d{1,2}$)|(?<=^[xyz])(?=\d{1,2}$)")
+_NUMBERED_QUANTITY = re.compile(r"((?:^|_)(?:acc|accel|gyr|gyro))(?=\d$)")
+_SIDE_LETTER = re.compile(r"^([lr])(?=[agw][xyz]$)")
+"""A number behind a quantity, as in `acc0`, and the letter of a side before it, as in `lax`."""
 _LONGEST = 120
 """Most characters of a name that are read."""
 _UNIT_WORDS = 4  # most words of a unit at the end of a name
@@ -46,25 +52,25 @@ _QUANTITY_WORDS = {
     r"|rotation_?rates?|rot_?rate|turn_?rate|omega|alpha",
 }
 """Words of each quantity, joined by `_`."""
-_LETTERS = {ACCEL: "a", GYRO: "gw"}
+_LETTERS = {ACCEL: "ac?", GYRO: "(?:gy?|w)"}
 """Letters that stand for each quantity."""
 _LONG = {quantity: re.compile(rf"(?:^|_)(?:{text})(?=_|$|[xyz](?:_|$))") for quantity, text in _QUANTITY_WORDS.items()}
 _SHORT = {
-    quantity: re.compile(rf"(?:^|_)[{letters}]_?(?=[xyz](?:_|$)|rs_s_[xyz]$)") for quantity, letters in _LETTERS.items()
+    quantity: re.compile(rf"(?:^|_){letters}_?(?=[xyz](?:_|$)|rs_s_[xyz]$)") for quantity, letters in _LETTERS.items()
 }
 _G_FORCE = re.compile(r"(?:^|_)g_?f_?(?=[xyz]$)")
 """Physics Toolbox' name of the force in g."""
 _AXIS = re.compile(r"(?:^|_)([xyz])(?:_?axis)?(?=_|$)|axis_?([xyz])(?=_|$)")
 _OTHER_QUANTITY = re.compile(
     r"(?:^|_)(?:free|user|gravity|grav|mag\w*|quat\w*|euler|orient\w*|ori|pos\w*|bias\w*|std\w*|var\w*|cov\w*|delta\w*"
-    r"|dv|dq|temp\w*|roll|pitch|yaw|bearing|rotation_vector|highg|high_g|norm|abs\w*|mag|sd|err\w*|uncalib\w*|jerk"
-    r"|world|global|earth)(?:_|$)|free_?acc|^user|user_?acc"
+    r"|dv|dq|temp\w*|roll|pitch|yaw|bearing|rotation_vector|highg|high_g|norm|abs\w*|mag|sd|err\w*|jerk"
+    r"|world|global|earth|velinc|oriinc|schwerkraft|erdbeschleunigung)(?:_|$)|free_?acc|^user|user_?acc|ang(?:ular)?_?acc"
 )
 """What the names of columns that are neither forces nor rates of a sensor contain."""
-_WITHOUT_GRAVITY = re.compile(r"(?:^|_)(?:linear|lin)(?:_|$)|linear_?acc|lin_?acc")
+_WITHOUT_GRAVITY = re.compile(r"(?:^|_)(?:linear\w*|lin)(?:_|$)|linear_?acc|lin_?acc")
 _FREE = re.compile(r"free|user|linear|(?:^|_)lin(?:_|$)")
 """What the names of forces contain from which gravity was taken out."""
-_RAW = re.compile(r"(?:^|_)(?:raw|uncal|filtered|filt|filter|smooth\w*)(?=_|$)")
+_RAW = re.compile(r"(?:^|_)(?:raw|uncal[a-z]*|filtered|filt|filter|smooth[a-z]*)(?=_|$)")
 _FILLERS = re.compile(
     r"(?:^|_)(?:axis|cal|calibrated|sensor|data|imu|values?|field|body|si|total|meas\w*|component|ln|wr|low_?noise"
     r"|wide_?range|lowg|low_g|incl_gravity|with_gravity|rs_s|3dof|g|x|y|z)(?=_|$)"
@@ -86,6 +92,10 @@ def parse_column(cell: str, unit: str = "", *, with_linear: bool = False) -> Col
     if not (unit or bracket_unit):
         joined, bracket_unit = _split_unit_at_end(text, joined, with_linear)
     quantity, axis, sensor = _classify(joined, with_linear)
+    known = unit_of(unit) or unit_of(bracket_unit)
+    is_by_unit = not quantity and known is not None and known[0] in (ACCEL, GYRO) and not _is_other(joined, with_linear)
+    if is_by_unit and known is not None and (axis := _axis_of(joined)):
+        quantity = known[0]
     plain = re.sub(r"[^a-z0-9]+", "_", joined.lower()).strip("_")
     return ColumnName(
         name=plain,
@@ -94,6 +104,7 @@ def parse_column(cell: str, unit: str = "", *, with_linear: bool = False) -> Col
         axis=axis,
         sensor=sensor,
         is_raw=bool(_RAW.search(plain)),
+        is_by_unit=is_by_unit,
     )
 
 
@@ -121,8 +132,9 @@ def is_without_gravity(cell: str) -> bool:
 
 
 def _join_words(text: str) -> str:
-    """Lower-case words of a name, joined by `_`."""
-    return re.sub(r"[^a-z0-9]+", "_", _JOINT.sub("_", text.strip()).lower()).strip("_")
+    """Lower-case words of a name, joined by `_`; the number of a sensor behind an axis, as in `ax2`, is a word."""
+    words = re.sub(r"[^a-z0-9]+", "_", _JOINT.sub("_", text.strip()).lower()).strip("_")
+    return _SIDE_LETTER.sub(r"\1_", _NUMBERED_QUANTITY.sub(r"\1_", _NUMBERED_AXIS.sub("_", words)))
 
 
 def _split_unit_at_end(text: str, joined: str, with_linear: bool) -> tuple[str, str]:
@@ -141,7 +153,7 @@ def _split_unit_at_end(text: str, joined: str, with_linear: bool) -> tuple[str, 
 
 def _classify(joined: str, with_linear: bool) -> tuple[str, str, str]:
     """Quantity, axis and sensor of a name, as `_join_words` gives it; "" for what it does not say."""
-    if _OTHER_QUANTITY.search(joined) or (_WITHOUT_GRAVITY.search(joined) and not with_linear):
+    if _is_other(joined, with_linear):
         return "", "", ""
     if (matched := _G_FORCE.search(joined)) is not None:
         return ACCEL, joined[-1], joined[: matched.start()]
@@ -156,23 +168,40 @@ def _classify(joined: str, with_linear: bool) -> tuple[str, str, str]:
     return "", _axis_of(joined) if len(joined) <= len("x_axis") else "", ""
 
 
+def _is_other(joined: str, with_linear: bool) -> bool:
+    """Whether a name, as `_join_words` gives it, is that of a quantity which is neither a force nor a rate."""
+    return bool(_OTHER_QUANTITY.search(joined) or (_WITHOUT_GRAVITY.search(joined) and not with_linear))
+
+
 def _axis_of(joined: str) -> str:
     """The last axis that words joined by `_` name; "" for none."""
     axes = [matched[1] or matched[2] for matched in _AXIS.finditer(joined)]
     return axes[-1] if axes else ""
 
 
-TIME_NAMES = ("t", "seconds_elapsed", "elapsed", "time", "timestamp", "time_stamp", "timestamps", "epoc", "epoch")
+TIME_NAMES = ("t", "seconds_elapsed", "elapsed", "time", "timestamp", "time_stamp", "timestamps", "ts", "epoc", "epoch")
 """Names of columns of time, the first of which counts."""
 _TIME_NAME = re.compile(
     r"(?:^|_)(?:time|timestamps?|stamps?|elapsed|clock|seconds|secs?|millis|micros|nanos|msecs?|usecs?|epoch|datetime"
-    r"|realtime|timestampms|timestampus|timestampns)(?:_|$)"
+    r"|realtime|timestampms|timestampus|timestampns|zeit\w*|temps|tiempo|tempo|datenum|date_?time|elapsed_?time)(?:_|$)"
+    r"|timestamp"
 )
 _NO_TIME = re.compile(r"(?:^|_)(?:zone|fine|diff|delta|dt|gps|status|step|year|month|day|hour|minute|utc_nano)(?:_|$)")
 _LATER_TIME = re.compile(
-    r"(?:^|_)(?:host|arrival|backend|received?|system|sync|logging|start|unix|wall|exposure|offset|duration|delay)(?:_|$)"
+    r"(?:^|_)(?:host|app|raw|arrival|backend|received?|system|sync|logging|start|unix|wall|exposure|offset|duration|delay)(?:_|$)"
 )
 """Words of the stamps that another column of time replaces, such as times of arrival."""
+
+
+_COUNTER = re.compile(
+    r"(?:pkt|packet|sample|frame|msg|message|seq|sequence)_?(?:counter|count|number|num|no|nr|id|index|idx)"
+    r"|(?:\w+_)?packet_?counter|counter|count|seq|sequence|(?:field_)?header_seq|sample|frame|packet|pkt"
+)
+
+
+def is_counter_name(name: str) -> bool:
+    """Whether a name, in lower case and joined by `_`, is that of a counter of packets or samples."""
+    return bool(_COUNTER.fullmatch(name) or _COUNTER.fullmatch(name.replace("_", "")))
 
 
 def is_time_name(name: str) -> bool:

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.recording.index import Notes
@@ -19,6 +20,8 @@ _LATE = 1.2
 """Usual times from which on a group of rows with one stamp comes late."""
 _GAP = 1.6
 """Periods between two stamps from which on a sample is missing, unless a neighbouring step is as much shorter."""
+_EVEN, _DELAY = 0.95, 0.3
+"""Share of packets of one size, and most delay as a share of their time, of packets that come at an even rate."""
 FEWEST = 10
 """Samples needed to know a period."""
 SampleT = TypeVar("SampleT", bound=Sample)
@@ -88,7 +91,7 @@ def _spread_repeated_stamps(name: str, block: Block[SampleT], notes: Notes) -> B
     usual = np.maximum(counts[:-1] * period, np.median(spans))  # ns from each group to the next one, as a rule
     starts = (t_ns[first] - t_ns[0]).astype(np.float64)
     if 2 * len(first) <= len(t_ns):  # packets, not single stamps that came together
-        starts = _move_late_groups(starts, usual)
+        starts = _fit_groups(starts, first) if _is_even(starts, first, counts) else _move_late_groups(starts, usual)
     spans = np.diff(starts)
     # ns that each group fills: until the next one, or less if rows are missing before that
     around = np.convolve(np.pad(spans, 1, constant_values=float(np.median(spans))), np.ones(3), "valid")
@@ -99,6 +102,27 @@ def _spread_repeated_stamps(name: str, block: Block[SampleT], notes: Notes) -> B
     spread = begins + within * np.repeat(fills / counts, counts)
     notes.warn(f"{name}: {len(t_ns) - len(first)} repeated stamps are spread over the time until the next one")
     return replace(block, t_ns=t_ns[0] + np.rint(spread).astype(np.int64))
+
+
+def _is_even(starts: Array, first: NDArray[np.int64], counts: NDArray[np.int64]) -> bool:
+    """Whether groups of one size come at an even rate but for the delay of their transport, without any missing.
+
+    Args:
+        starts: (K,) times of the groups, ns.
+        first: (K,) their first rows.
+        counts: (K,) numbers of their rows.
+    """
+    if len(starts) < FEWEST or np.mean(counts[:-1] == np.median(counts)) < _EVEN:
+        return False
+    spans = np.diff(starts)
+    deviation = np.abs(starts - _fit_groups(starts, first)).max()
+    return bool(deviation < _DELAY * np.median(spans) and spans.max() < _GAP * np.median(spans))
+
+
+def _fit_groups(starts: Array, first: NDArray[np.int64]) -> Array:
+    """Times (K,) ns of groups on the straight line through them over the numbers of their first rows."""
+    slope, offset = np.polyfit(first.astype(np.float64), starts, 1)
+    return np.asarray(offset + slope * first)
 
 
 def _move_late_groups(starts: Array, usual: Array) -> Array:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from stridetwin.streams.errors import ConfigError
-from stridetwin.streams.formats.column_names import ColumnName, parse_column
+from stridetwin.streams.formats.column_names import ColumnName, is_counter_name, parse_column
 from stridetwin.streams.formats.imu_columns import OPTION, Columns, find_time
 from stridetwin.streams.formats.imu_stamps import parse_stamp, unwrap_days
 from stridetwin.streams.formats.imu_units import TIME, UNITS, unit_of
@@ -27,12 +27,23 @@ TICKS = "sampletimefine"
 _TICK_UNITS_S = (1e-4, 1e-6)
 """A tick of an MTw or MTi, and of a DOT, s."""
 _TICK_SIZE = 2**32
-_COUNTER_SIZES = (2**8, 2**16, 2**24, 2**32)
+_COUNTER_SIZES = tuple(sorted({*(2**k for k in range(5, 33)), *(10**k for k in range(2, 10)), 60_000}))
 """Numbers of counts after which counters begin again."""
-_COUNTER = re.compile(
-    r"(?:pkt|packet|sample|frame|msg|message|seq|sequence)_?(?:counter|count|number|num|no|nr|id|index|idx)"
-    r"|(?:\w+_)?packet_?counter|counter|count|seq|sequence|(?:field_)?header_seq|sample|frame|packet|pkt"
-)
+_USUAL_SIZES = (2**8, 2**16, 2**24, 2**32)
+"""Those of whole bytes, of which more may be missing where they begin again."""
+_MOST_AT_END, _FEW_AT_END, _LEAST_AT_END = 0.02, 50, 5
+"""Counts that may be lost where a counter begins again: a share of all its counts, or few; fewer of unusual sizes."""
+_STAMP_SIZES = (2**16, 86_400, 604_800, 2**24, 86_400_000, 604_800_000, 2**32, 86_400_000_000)
+"""Numbers after which clocks begin again: those of 16, 24 and 32 bits, days and weeks."""
+_LAST_CLOCK, _MINUTE_NUMBER, _HOUR_NUMBER = 240_000.0, 40.0, 4000.0
+"""Least number that is no time `hhmmss`, and the steps of such numbers at the end of minutes and hours."""
+_RAISED = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
+_DAYS = (719_529.0, 25_569.0)
+"""1970 in days of MATLAB and of spreadsheets."""
+_MINUTE_S, _FEWEST_STEPS = 60, 10
+"""Seconds of a minute, which count on their own in tables of whole seconds; steps that are needed to know a clock."""
+_MOST_STEPS_AT_END = 50.0
+"""Usual steps that may lie between the last stamp before a clock begins again and the first one after it."""
 _INTEGER = re.compile(r"\s*\d+\s*")
 _FEWEST_REGULAR, _FEWEST_OF_ONE_STEP = 0.98, 0.5
 """Share of the steps of a counter that are multiples of the usual one, and of those that equal it."""
@@ -52,6 +63,12 @@ _RATES = (
     ),
 )
 """Lines of a preamble that give the rate of samples, such as `// Update Rate: 100.0Hz` and `OutputRate:,60Hz`."""
+
+
+_SHORT_RATE = re.compile(
+    r"[\W_]*(?:fs|f_s|odr|freq(?:uency)?|rate)\b[^0-9a-z]{0,8}(\d+(?:[.,]\d+)?)\s*(k?hz|sps)", re.IGNORECASE
+)
+"""Lines that begin with the rate of samples, such as `fs = 100 Hz`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +91,7 @@ class Clock:
 def preamble_rate(preamble: Sequence[str]) -> float:
     """Rate in Hz that a line above the numbers gives; 0 without one."""
     for line in preamble:
-        if (matched := _RATES[0].search(line)) is not None:
+        if (matched := _RATES[0].search(line) or _SHORT_RATE.match(line)) is not None:
             return float(matched[1].replace(",", ".")) * (1000.0 if matched[2].lower() == "khz" else 1.0)
         if (matched := _RATES[1].search(line)) is not None:
             return float(matched[2]) * (1000.0 if matched[1].lower() == "khz" else 1.0)
@@ -128,13 +145,20 @@ def has_nanoseconds(named: Sequence[ColumnName], sample: Sequence[Sequence[str]]
 
 
 def choose_clock(
-    path: Path, columns: Columns, rate_hz: float | None, given_hz: float, tick_s: float, notes: Notes
+    path: Path,
+    columns: Columns,
+    sample: Sequence[Sequence[str]],
+    rate_hz: float | None,
+    given_hz: float,
+    tick_s: float,
+    notes: Notes,
 ) -> Clock:
     """Decides what tells the times of the rows.
 
     Args:
         path: Named by errors.
         columns: The columns of the table.
+        sample: Cells of the first rows, by which a counter of another name is known.
         rate_hz: Rate that the user gives: of the counter, if the table has one, else of the rows; None without one.
         given_hz: Rate in the preamble; 0 without one.
         tick_s: Length of a tick (`tick_length`); 0 in a table without ticks.
@@ -143,8 +167,10 @@ def choose_clock(
     Raises:
         ConfigError: The table has no stamps, and no rate is given.
     """
-    counter = next((at for at, name in enumerate(columns.names) if _is_counter(name)), None)
+    counter = next((at for at, name in enumerate(columns.names) if is_counter_name(parse_column(name).name)), None)
     ticks = _find_name(columns.names, TICKS)
+    if counter is None and ticks is None and (rate_hz is not None or given_hz > 0):
+        counter = _find_counting_column(columns, sample)
     if rate_hz is not None:
         if counter is not None:
             return Clock(at=counter, kind="counter", rate_hz=rate_hz)
@@ -181,8 +207,9 @@ def read_times(path: Path, columns: Columns, clock: Clock, cells: Array, count: 
         return np.arange(count) / clock.rate_hz
     name = columns.names[clock.at]
     if clock.kind == "stamps":
-        cells = _unwrap_stamps(path, name, cells, notes)
-        return cells * _find_time_factor(path, columns, cells, notes)
+        cells = _unwrap_stamps(path, name, _split_clock_numbers(path, name, cells, notes), columns.of_minute, notes)
+        factor = _find_time_factor(path, columns, cells, notes)
+        return factor * (_count_days(cells) if factor == UNITS[TIME]["d"] else cells)
     if not np.isfinite(cells).all():
         row = int(np.argmin(np.isfinite(cells)))
         raise ConfigError(path, f"{name}, row {row + 1}", float(cells[row]), "a count")
@@ -238,19 +265,56 @@ def _find_name(names: Sequence[str], wanted: str) -> int | None:
     return next((at for at, name in enumerate(names) if re.sub(r"[\s_]", "", name).lower() == wanted), None)
 
 
-def _is_counter(name: str) -> bool:
-    """Whether a name is that of a counter of packets or samples."""
-    joined = parse_column(name).name
-    return bool(_COUNTER.fullmatch(joined) or _COUNTER.fullmatch(joined.replace("_", "")))
-
-
-def _unwrap_stamps(path: Path, name: str, stamps: Array, notes: Notes) -> Array:
-    """Stamps (N,) of a clock of 32 bits that began again, as `micros()` of an Arduino, without the steps back."""
-    back = np.diff(stamps) < -_TICK_SIZE / 2
-    if not back.any() or stamps.max() >= _TICK_SIZE or np.any(stamps < 0) or np.any(stamps != np.rint(stamps)):
+def _split_clock_numbers(path: Path, name: str, stamps: Array, notes: Notes) -> Array:
+    """Stamps (N,) as they are, or seconds of the day of those that are times as numbers, as `115959.99` of a GPS."""
+    steps = np.diff(stamps)
+    if len(steps) < _FEWEST_STEPS or not (np.all(steps >= 0) and stamps[0] >= 0 and stamps[-1] < _LAST_CLOCK):
         return stamps
-    notes.warn(f"{path.name}: {name} begins again after 2³² counts {int(back.sum())} times; its stamps are continued")
-    return np.asarray(stamps + _TICK_SIZE * np.concatenate(([0], np.cumsum(back))))
+    usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
+    gaps = steps[steps > _GAP * usual]
+    of_minutes = np.abs(np.mod(gaps, _HOUR_NUMBER) - _MINUTE_NUMBER) <= usual * _MOST_STEPS_AT_END
+    if not len(gaps) or not of_minutes.all() or usual > 1.0 or np.any(np.mod(stamps, 100) >= _MINUTE_S):
+        return stamps
+    notes.warn(f"{path.name}: {name} has times of day as numbers, hhmmss, by its steps of {gaps[0]:.4g}")
+    hours, minutes = np.floor(stamps / 1e4), np.floor(np.mod(stamps, 1e4) / 100)
+    return np.asarray(3600 * hours + 60 * minutes + np.mod(stamps, 100))
+
+
+def _count_days(days: Array) -> Array:
+    """Days (N,) since 1970, from those of spreadsheets (since 1900) and of MATLAB (since the year 0)."""
+    first = days[0] if len(days) else 0.0
+    offset = next((offset for offset in _DAYS if first > offset), 0.0)
+    return np.asarray(days - offset)
+
+
+def _unwrap_stamps(path: Path, name: str, stamps: Array, is_of_minute: bool, notes: Notes) -> Array:
+    """Stamps (N,) of a clock that began again, as `micros()` of an Arduino or seconds of a day, without the steps back.
+
+    The clock's size is the one with which the steps back become about as long as the others.
+
+    Args:
+        path: Named by the report.
+        name: Name of the column.
+        stamps: (N,) numbers in the unit of the column.
+        is_of_minute: Whether they may be seconds of a minute, beside columns of minutes or of the rest.
+        notes: Collects the report.
+    """
+    steps = np.diff(stamps)
+    rising = steps[steps > 0]
+    if not np.any(steps < 0) or len(rising) < (1 if is_of_minute else _FEWEST_STEPS):
+        return stamps
+    usual = float(np.median(rising))
+    for size in (_MINUTE_S, *_STAMP_SIZES) if is_of_minute else _STAMP_SIZES:
+        back = steps < -size / 2
+        gaps = steps[back] + size
+        span = stamps.max() - stamps.min()
+        if span < size and len(gaps) and np.all((gaps > 0) & (gaps <= _MOST_STEPS_AT_END * usual)):
+            count = str(size) if size & (size - 1) else f"2{str(size.bit_length() - 1).translate(_RAISED)}"
+            notes.warn(
+                f"{path.name}: {name} begins again after {count} counts {len(gaps)} times; its stamps are continued"
+            )
+            return np.asarray(stamps + size * np.concatenate(([0], np.cumsum(back))))
+    return stamps
 
 
 def _count_times(path: Path, name: str, counts: Array, rate_hz: float, notes: Notes) -> Array:
@@ -258,11 +322,7 @@ def _count_times(path: Path, name: str, counts: Array, rate_hz: float, notes: No
 
     A counter that rises by a number of its own per sample, as one of several streams, is divided by that number.
     """
-    size = (
-        _TICK_SIZE
-        if re.sub(r"[\s_]", "", name).lower() == TICKS
-        else next((size for size in _COUNTER_SIZES if counts.max(initial=0.0) < size), _COUNTER_SIZES[-1])
-    )
+    size = _TICK_SIZE if re.sub(r"[\s_]", "", name).lower() == TICKS else _find_counter_size(counts)
     since = _unwrap_counter(path, name, counts, size)
     steps = np.diff(since)
     rising = steps[steps > 0]
@@ -280,6 +340,38 @@ def _count_times(path: Path, name: str, counts: Array, rate_hz: float, notes: No
         )
         return np.arange(len(counts)) / rate_hz
     return np.rint(since / usual) / rate_hz
+
+
+def _find_counting_column(columns: Columns, sample: Sequence[Sequence[str]]) -> int | None:
+    """Index of the first column that is not used and counts up, mostly by one, in some rows; None without.
+
+    Args:
+        columns: The columns of the table.
+        sample: Cells of these rows.
+    """
+    used = {columns.time, columns.fraction, *(at for signal in columns.signals for at in signal.at)}
+    for at in range(len(columns.names)):
+        cells = [row[at] for row in sample if at < len(row)]
+        if at in used or len(cells) < _FEWEST_STEPS or not all(map(_INTEGER.fullmatch, cells)):
+            continue
+        steps = np.diff(np.array(cells, np.float64))
+        if np.count_nonzero(steps <= 0) <= 1 and np.median(steps) == 1:
+            return at
+    return None
+
+
+def _find_counter_size(counts: Array) -> int:
+    """Number of counts after which a counter (N,) begins again: the least with which few are lost wherever it does."""
+    steps = np.diff(counts)
+    back = steps[steps < 0]
+    sizes = [size for size in _COUNTER_SIZES if counts.max(initial=0.0) < size]
+    usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 1.0
+
+    def fits(size: int) -> bool:
+        most = max(_FEW_AT_END, _MOST_AT_END * size) if size in _USUAL_SIZES else _LEAST_AT_END
+        return bool(np.all(back + size <= usual * most))
+
+    return next((size for size in sizes if len(back) and fits(size)), _COUNTER_SIZES[-1])
 
 
 def _unwrap_counter(path: Path, name: str, counts: Array, size: int) -> Array:
@@ -327,7 +419,7 @@ def _find_time_factor(path: Path, columns: Columns, t: Array, notes: Notes) -> f
         raise ConfigError(path, "column 1", "numbers of rows", f"stamps in s, or {RATE} HZ")
     # rows per stamp, as of packets; the rate of the rows decides on the unit
     packet = max(1.0, (len(t) - 1) / max(1, len(rising)))
-    for unit in ("s", "ms", "µs", "ns"):
+    for unit in ("s", "ms", "µs", "ns", "d"):
         rate = packet / (UNITS[TIME][unit] * step)
         if IMU_RATES_HZ[0] < rate < IMU_RATES_HZ[1]:
             notes.warn(f"{path.name}: {name or 'time'} has no unit; {unit} assumed: {rate:.4g} Hz")

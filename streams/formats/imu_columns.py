@@ -9,12 +9,14 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.formats.column_names import (
     AXES,
     ColumnName,
+    is_counter_name,
     is_time_name,
     is_without_gravity,
     parse_column,
@@ -22,14 +24,22 @@ from stridetwin.streams.formats.column_names import (
     time_rank,
 )
 from stridetwin.streams.formats.imu_stamps import is_stamp
-from stridetwin.streams.formats.imu_units import ACCEL, GYRO, TIME, UNITS, unit_of
-from stridetwin.streams.formats.table_head import is_number
+from stridetwin.streams.formats.imu_units import ACCEL, COUNTS, GYRO, TIME, UNITS, factor_of, unit_of
+from stridetwin.streams.formats.table_head import is_number, is_plain_number
+from stridetwin.streams.segments import side_of
 
 OPTION = "--columns"
 """Option of the command line that names the columns, and an example of its text, for errors."""
 EXAMPLE = "t=Time[ms],ax=Acc X[g],...,gx=Gyr X[deg/s],..."
 NUMBERED = '"t=1[s],ax=2[m/s^2],ay=3[m/s^2],az=4[m/s^2],gx=5[rad/s],gy=6[rad/s],gz=7[rad/s]"'
 """Example of its text for a table without names of columns."""
+KIND = "kind"
+"""Key of the mapping for the column that tells whether a row has forces or rates."""
+KIND_MEANS = "the column that names the sensor of each row"
+_MOST_STEPS = 20.0
+"""Largest step of stamps, in mean steps."""
+_NUMBER_AT_END = re.compile(r"(.*?)_?(\d)")
+"""The number of an axis at the end of a name."""
 _NAMES = {ACCEL: ("accel_{}", "a{}", "acc_{}"), GYRO: ("gyro_{}", "g{}", "w{}")}
 """Names of the column of an axis that errors suggest."""
 
@@ -40,6 +50,7 @@ one for force or rate must then be in the header."""
 OURS: Dialect = {TIME: "s", ACCEL: "m/s²", GYRO: "rad/s"}
 XSENS: Dialect = {ACCEL: "m/s²", GYRO: "rad/s"}
 SENSOR_LOGGER: Dialect = {TIME: "s", ACCEL: "m/s²", GYRO: "rad/s"}
+PX4: Dialect = {TIME: "µs", ACCEL: "m/s²", GYRO: "rad/s"}
 MOVESENSE: Dialect = {TIME: "ms", ACCEL: "m/s²", GYRO: "deg/s"}
 GAITMAP: Dialect = {ACCEL: "m/s²", GYRO: "deg/s"}
 XSENS_DOT: Dialect = {ACCEL: "m/s²", GYRO: "deg/s"}
@@ -59,12 +70,14 @@ class Signal:
         quantity: `accel` or `gyro`.
         at: Indices of x, y and z.
         factor: From the table's unit to m/s² or rad/s.
+        time: Index of stamps of its own; None for those of the table.
     """
 
     sensor: str
     quantity: str
     at: tuple[int, int, int]
     factor: float
+    time: int | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,6 +91,9 @@ class Columns:
         signals: Forces and rates, by sensor.
         fraction: Index of the part of a second beside stamps in whole seconds; None without.
         fraction_s: Unit of that part, s.
+        of_minute: Whether the stamps are seconds of a minute, beside columns of minutes and hours.
+        epoch: Index of stamps since 1970 beside those since the begin of the file; None without.
+        epoch_s: Their unit, s.
     """
 
     names: tuple[str, ...]
@@ -86,6 +102,9 @@ class Columns:
     signals: tuple[Signal, ...] = field(default_factory=tuple)
     fraction: int | None = None
     fraction_s: float = 0.0
+    of_minute: bool = False
+    epoch: int | None = None
+    epoch_s: float = 0.0
 
 
 def find_columns(
@@ -115,7 +134,7 @@ def find_columns(
     Raises:
         ConfigError: An axis or a unit is missing.
     """
-    named = parse_header(header, units)
+    named = name_numbered_axes(parse_header(header, units))
     names = [column.name for column in named]
     if dialect is None:
         dialect = _find_dialect(names, bool(sensors))
@@ -125,20 +144,35 @@ def find_columns(
     for at, column in enumerate(named):
         kind, axis = _classify_column(column, quantity, named)
         if kind:  # of two columns of one axis the first counts
-            group = (sensor_of_column[at], kind, column.sensor)
+            group = (sensor_of_column[at], kind, f"{column.sensor} raw".strip() if column.is_raw else column.sensor)
             axes_by_group.setdefault(group, {}).setdefault(axis, at)
+    for sensor, kind, rest in list(axes_by_group):  # raw columns count only where no others are
+        if (sensor, kind, rest.removesuffix("raw").strip()) in axes_by_group and rest.endswith("raw"):
+            del axes_by_group[sensor, kind, rest]
+    seconds = _find_seconds(names)
+    time = find_time(named, sample) if seconds is None else seconds
     signals = tuple(
-        _to_signal(path, header, sensor, kind, axes, named, dialect)
+        _to_signal(path, header, sensor, kind, axes, named, dialect, sample)
         for (sensor, kind), axes in _pair_groups(axes_by_group, named).items()
     )
-    time = find_time(named, sample)
+    signals = tuple(replace(signal, time=_find_own_time(signal, named, time, sample)) for signal in signals)
     if time is None and sensors and names[0] in ("", "axis"):  # gaitmap's table has times in its unnamed first column
         time = 0
-    known = unit_of(named[time].unit) if time is not None else None  # quantity and unit in the header
+    time_text = "s" if seconds is not None else named[time].unit if time is not None else ""
+    known = unit_of(time_text)  # quantity and unit in the header
     time_unit = known[1] if known is not None and known[0] == TIME else dialect.get(TIME, "")
-    columns = Columns(names=tuple(header), time=time, time_unit=time_unit, signals=signals)
+    epoch, epoch_s = _find_epoch(named, time) if quantity else (None, 0.0)
+    columns = Columns(
+        names=tuple(header),
+        time=time,
+        time_unit=time_unit,
+        signals=signals,
+        of_minute=seconds is not None,
+        epoch=epoch,
+        epoch_s=epoch_s,
+    )
     for second, part, unit_s in _list_split_stamps(named, sample):
-        return replace(columns, time=second, time_unit="s", fraction=part, fraction_s=unit_s)
+        return replace(columns, time=second, time_unit="s", fraction=part, fraction_s=unit_s, of_minute=True)
     return columns
 
 
@@ -189,10 +223,117 @@ def find_time(named: Sequence[ColumnName], sample: Sequence[Sequence[str]] = ())
         named: The columns.
         sample: Cells of some rows; a column whose cells are no stamps in any of them is left out.
     """
-    places = [at for at, column in enumerate(named) if is_time_name(column.name) and not column.axis]
+    places = [at for at, column in enumerate(named) if is_stamp_column(column)]
     usable = [at for at in places if not sample or any(at < len(row) and is_stamp(row[at]) for row in sample)]
     numeric = [at for at in usable if not sample or any(at < len(row) and is_number(row[at]) for row in sample)]
-    return min(numeric or usable or places, key=lambda at: time_rank(named[at].name), default=None)
+    best = min(numeric or usable or places, key=lambda at: time_rank(named[at].name), default=None)
+    return _find_rising_column(named, sample) if best is None else best
+
+
+def is_stamp_column(column: ColumnName) -> bool:
+    """Whether a column has stamps by its name, or as LabVIEW's and Delsys' `X [s]` by its unit."""
+    known = unit_of(column.unit)
+    is_abscissa = column.name in ("x", "x_value") and known is not None and known[0] == TIME
+    return is_abscissa or (is_time_name(column.name) and not column.axis)
+
+
+def _find_seconds(names: Sequence[str]) -> int | None:
+    """Index of the seconds of a minute in a table with columns of minutes and seconds, by their names; None without."""
+    if not {"minute", "minutes", "min"} & set(names):
+        return None
+    return next((names.index(name) for name in ("second", "seconds", "sec") if name in names), None)
+
+
+def _find_epoch(named: Sequence[ColumnName], time: int | None) -> tuple[int | None, float]:
+    """Index and unit in s of stamps since 1970 beside those since the begin of the file, as MetaMotion's.
+
+    Tables of force and rate that begin at different times have only these in common.
+
+    Args:
+        named: The columns.
+        time: Index of the stamps that are used.
+    """
+    if time is None or named[time].name != "elapsed":
+        return None, 0.0
+    for at, column in enumerate(named):
+        known = unit_of(column.unit)
+        if column.name in ("epoc", "epoch") and known is not None and known[0] == TIME:
+            return at, UNITS[TIME][known[1]]
+    return None, 0.0
+
+
+def _find_rising_column(named: Sequence[ColumnName], sample: Sequence[Sequence[str]]) -> int | None:
+    """Index of a column of another name with stamps: with a unit of time, or the first one if it rises as stamps do.
+
+    Args:
+        named: The columns.
+        sample: Cells of some rows.
+    """
+    for at, column in enumerate(named):
+        known = unit_of(column.unit)
+        if known is not None and known[0] == TIME and not column.axis and _holds_stamps(sample, at):
+            return at
+    if not named or named[0].quantity or is_counter_name(named[0].name):
+        return None
+    is_index = all(row[0].strip().isdigit() for row in sample if row)
+    return 0 if not is_index and _holds_stamps(sample, 0) else None
+
+
+def _holds_stamps(sample: Sequence[Sequence[str]], at: int) -> bool:
+    """Whether the cells of a column are dates or times of day, or numbers that rise as stamps do."""
+    cells = [row[at] for row in sample if at < len(row)]
+    is_clock = len(cells) > 1 and all(is_stamp(cell) and not is_number(cell) for cell in cells)
+    return is_clock or _rises(sample, at)
+
+
+def _rises(sample: Sequence[Sequence[str]], at: int) -> bool:
+    """Whether the numbers of a column rise from row to row by steps of about one size."""
+    numbers = [float(row[at].replace(",", ".")) for row in sample if at < len(row) and is_plain_number(row[at])]
+    steps = [after - before for before, after in pairwise(numbers)]
+    return len(steps) > 1 and min(steps) >= 0 < max(steps) <= _MOST_STEPS * sum(steps) / len(steps)
+
+
+def _find_own_time(
+    signal: Signal, named: Sequence[ColumnName], time: int | None, sample: Sequence[Sequence[str]]
+) -> int | None:
+    """Index of the stamps that belong to a signal alone, as `gyr_time`, `left_time` or Delsys' pairs; None without.
+
+    Args:
+        signal: The signal.
+        named: The columns.
+        time: Index of the stamps of the table.
+        sample: Cells of some rows.
+    """
+    first = min(signal.at)
+    places = [at for at, column in enumerate(named) if is_stamp_column(column) and (not sample or _rises(sample, at))]
+    if time not in places or len(places) < 2:
+        return None
+    sensor = signal.sensor or named[first].sensor
+    of_quantity = [at for at in places if named[at].quantity == signal.quantity]
+    of_sensor = [at for at in places if sensor and f"_{sensor}_" in f"_{named[at].name}_"]
+    alike = [at for at in places if at < first and named[at].name == named[time].name]
+    own = next((at for group in (of_quantity, of_sensor, alike[::-1]) for at in group), time)
+    return None if own == time else own
+
+
+def name_numbered_axes(named: Sequence[ColumnName]) -> list[ColumnName]:
+    """The columns, with axes in place of numbers of three that belong together, as `acc_1` to `acc_3`."""
+    families: dict[tuple[str, str], dict[int, int]] = {}  # index of the column by number, by quantity and the rest
+    for at, column in enumerate(named):
+        matched = _NUMBER_AT_END.fullmatch(column.sensor)
+        if column.quantity and not column.axis and matched is not None:
+            families.setdefault((column.quantity, matched[1]), {}).setdefault(int(matched[2]), at)
+    result = list(named)
+    for (_, rest), places in families.items():
+        if sorted(places) not in ([0, 1, 2], [1, 2, 3]):
+            continue
+        for axis, number in zip(AXES, sorted(places)):
+            column, unit = named[places[number]], rest.replace("_", "/")
+            has_unit = not column.unit and unit_of(unit) is not None
+            result[places[number]] = replace(
+                column, axis=axis, sensor="" if has_unit else rest, unit=unit if has_unit else column.unit
+            )
+    return result
 
 
 def map_columns(path: Path, header: Sequence[str], mapping: Mapping[str, str], units: Sequence[str] = ()) -> Columns:
@@ -209,25 +350,25 @@ def map_columns(path: Path, header: Sequence[str], mapping: Mapping[str, str], u
         ConfigError: An unknown column or unit, or only some axes of a quantity; names what is valid.
     """
     places: dict[str, int] = {}  # index of the column, by `t` and `ax` ... `gz`
-    known_units: dict[str, str] = {}  # its unit in the usual spelling, by the same keys
+    factors: dict[str, float] = {}  # from its unit to SI, by the same keys
+    time_unit = ""
     for key, text in mapping.items():
+        if key == KIND:
+            continue
         quantity = TIME if key == "t" else ACCEL if key[0] == "a" else GYRO
         matched = _UNIT.fullmatch(text)
-        name, unit = (matched[1], matched[2]) if matched else (text, "")
-        at = _find_column(header, text, name)
-        if at is None:
-            valid = f"one of the columns {', '.join(header)}, or its number from 1 to {len(header)}"
-            raise ConfigError(path, f"{OPTION} {key}", name, valid)
+        unit = matched[2] if matched else ""
+        at = find_named_column(path, header, key, text)
         row_unit = units[at] if at < len(units) else ""
-        known = _unit_of(unit or row_unit or parse_column(header[at]).unit, quantity)
-        if known is None:
-            raise ConfigError(
-                path,
-                f"{OPTION} {key}, unit",
-                unit or None,
-                f"one of {', '.join(UNITS[quantity])} in [], as in {EXAMPLE}",
-            )
-        places[key], known_units[key] = at, known
+        places[key], text_unit = at, unit or row_unit or parse_column(header[at]).unit
+        factor = factor_of(text_unit, quantity)
+        if factor is None and (quantity != TIME or unit):  # stamps need no unit: dates, and those whose rate tells it
+            scaled = "" if quantity == TIME else ", of raw counts with their number per unit as [g/16384]"
+            valid = f"one of {', '.join(UNITS[quantity])} in []{scaled}, as in {EXAMPLE}"
+            raise ConfigError(path, f"{OPTION} {key}, unit", unit or None, valid)
+        factors[key] = factor or 0.0
+        if quantity == TIME:
+            time_unit = _unit_of(text_unit, TIME) or ""
     signals = []
     for quantity, letter in ((ACCEL, "a"), (GYRO, "g")):
         keys = [letter + axis for axis in AXES]
@@ -235,14 +376,32 @@ def map_columns(path: Path, header: Sequence[str], mapping: Mapping[str, str], u
             if lacking := [key for key in keys if key not in places]:
                 raise ConfigError(path, OPTION, ",".join(mapping), f"also {lacking[0]}, as in {EXAMPLE}")
             x, y, z = (places[key] for key in keys)
-            if len({known_units[key] for key in keys}) > 1:
-                different = ", ".join(f"{key}[{known_units[key]}]" for key in keys)
+            if len({factors[key] for key in keys}) > 1:
+                different = ", ".join(f"{key}={mapping[key]}" for key in keys)
                 raise ConfigError(path, OPTION, different, f"one unit of {', '.join(keys)}")
-            factor = UNITS[quantity][known_units[keys[0]]]
-            signals.append(Signal(sensor="", quantity=quantity, at=(x, y, z), factor=factor))
-    return Columns(
-        names=tuple(header), time=places.get("t"), time_unit=known_units.get("t", ""), signals=tuple(signals)
-    )
+            signals.append(Signal(sensor="", quantity=quantity, at=(x, y, z), factor=factors[keys[0]]))
+    return Columns(names=tuple(header), time=places.get("t"), time_unit=time_unit, signals=tuple(signals))
+
+
+def find_named_column(path: Path, header: Sequence[str], key: str, text: str) -> int:
+    """Index of the column that a text of the mapping names.
+
+    Args:
+        path: Named by errors.
+        header: Names of the columns.
+        key: Key of the text in the mapping.
+        text: Name or number from 1, and perhaps a unit in brackets.
+
+    Raises:
+        ConfigError: The table has no such column.
+    """
+    matched = _UNIT.fullmatch(text)
+    name = matched[1] if matched else text
+    at = _find_column(header, text, name)
+    if at is None:
+        valid = f"one of the columns {', '.join(header)}, or its number from 1 to {len(header)}"
+        raise ConfigError(path, f"{OPTION} {key}", name, valid)
+    return at
 
 
 def _find_column(header: Sequence[str], text: str, name: str) -> int | None:
@@ -268,10 +427,9 @@ def parse_mapping(text: str) -> dict[str, str]:
     mapping = {}
     for part in text.split(","):
         key, equals, value = (word.strip() for word in part.partition("="))
-        if not (equals and value) or key not in ("t", *(q + a for q in "ag" for a in AXES)):
-            raise ConfigError(
-                "import", OPTION, part, f"t, ax, ay, az, gx, gy, gz with a column and its unit: {EXAMPLE}"
-            )
+        if not (equals and value) or key not in ("t", KIND, *(q + a for q in "ag" for a in AXES)):
+            valid = f"t, ax, ay, az, gx, gy, gz with a column and its unit: {EXAMPLE}; {KIND} with {KIND_MEANS}"
+            raise ConfigError("import", OPTION, part, valid)
         mapping[key] = value
     return mapping
 
@@ -279,6 +437,17 @@ def parse_mapping(text: str) -> dict[str, str]:
 def find_force_without_gravity(header: Sequence[str]) -> str:
     """Name of the first column of a force without gravity, such as `FreeAcc_X`; "" for none."""
     return next((cell for cell in header if is_without_gravity(cell)), "")
+
+
+_INCREMENT = re.compile(
+    r"(?:d[qv][\W_]?(?:[wxyz]|[0-3])|velinc|oriinc|delta[\W_]?(?:v|theta|angle|velocity|q)).*", re.IGNORECASE
+)
+"""Names of changes of velocity and attitude from sample to sample."""
+
+
+def find_increment(header: Sequence[str]) -> str:
+    """Name of the first column of a change of velocity or attitude from sample to sample; "" for none."""
+    return next((cell for cell in header if _INCREMENT.fullmatch(cell.strip())), "")
 
 
 def missing_axis_error(path: Path, quantity: str, axis: str, header: Sequence[str]) -> ConfigError:
@@ -292,7 +461,11 @@ def missing_axis_error(path: Path, quantity: str, axis: str, header: Sequence[st
     """
     names = [name.format(axis) for name in _NAMES[quantity]]
     columns = ", ".join(header) or "none"
-    valid = f"a column {' or '.join(names)}; the table has {columns}; other names: {OPTION} {EXAMPLE}"
+    increment = find_increment(header)
+    advice = (
+        f"increments as {increment} are not read: export accelerations and angular velocities; " if increment else ""
+    )
+    valid = f"a column {' or '.join(names)}; {advice}the table has {columns}; other names: {OPTION} {EXAMPLE}"
     return ConfigError(path, names[0], None, valid)
 
 
@@ -311,6 +484,8 @@ def _find_dialect(names: Sequence[str], has_sensors: bool) -> Dialect:
     joined = [name.replace("_", "") for name in names]
     if has_sensors:
         return GAITMAP
+    if "gyro_rad_0" in names:
+        return PX4
     if "sampletimefine" in joined or "packetcounter" in joined:
         return XSENS
     if "seconds_elapsed" in names:
@@ -353,7 +528,8 @@ def _pair_groups(
 ) -> dict[tuple[str, str], dict[str, int]]:
     """The columns of the forces and of the rates of each sensor.
 
-    Where names alone tell sensors apart, as `left_acc_x` and `left_gyr_x`, each sensor with both counts. Otherwise the
+    Where names alone tell sensors apart, as `left_acc_x` and `left_gyr_x`, each sensor with both counts, and the only
+    one keeps its side. Otherwise the
     first force and the first rate are those of the only sensor, calibrated ones before raw ones.
 
     Args:
@@ -375,18 +551,19 @@ def _pair_groups(
         }
         common = [rest for rest in complete[ACCEL] if rest in complete[GYRO]]
         for kind in (ACCEL, GYRO):
-            if len(common) > 1 and not sensor:
+            if not sensor and (len(common) > 1 or (len(common) == 1 and side_of(common[0]))):
                 result |= {(rest, kind): axes_by_group[sensor, kind, rest] for rest in common}
             elif rests[kind]:
                 result[sensor, kind] = axes_by_group[sensor, kind, (common or rests[kind])[0]]
     return result
 
 
-def _rank_group(axes: Mapping[str, int], named: Sequence[ColumnName]) -> tuple[bool, bool, bool, int]:
+def _rank_group(axes: Mapping[str, int], named: Sequence[ColumnName]) -> tuple[bool, bool, bool, bool, int]:
     """What makes one group of columns of a quantity better than another; the least is the best."""
     columns = [named[at] for at in axes.values()]
     has_units = all(unit_of(column.unit) is not None for column in columns)
-    return len(axes) < len(AXES), any(column.is_raw for column in columns), not has_units, min(axes.values())
+    is_guess = any(column.is_by_unit for column in columns)
+    return len(axes) < len(AXES), is_guess, any(column.is_raw for column in columns), not has_units, min(axes.values())
 
 
 def _to_signal(
@@ -397,6 +574,7 @@ def _to_signal(
     axes: Mapping[str, int],
     named: Sequence[ColumnName],
     dialect: Dialect,
+    sample: Sequence[Sequence[str]],
 ) -> Signal:
     """Three columns as a signal, with the factor of their common unit to SI.
 
@@ -408,6 +586,7 @@ def _to_signal(
         axes: Index of the column by axis, `x`, `y` and `z`.
         named: What each column is.
         dialect: Units that the header leaves out.
+        sample: Cells of some rows.
 
     Raises:
         ConfigError: An axis is missing, the units differ, or there is none.
@@ -415,9 +594,13 @@ def _to_signal(
     if lacking := [axis for axis in AXES if axis not in axes]:
         raise missing_axis_error(path, kind, lacking[0], header)
     x, y, z = (axes[axis] for axis in AXES)
-    known = {_unit_of(named[at].unit, kind) for at in (x, y, z)}  # unit of each axis; None for an unknown unit
-    units = {unit for unit in known if unit is not None} or {dialect.get(kind, "")}
+    texts = {named[at].unit for at in (x, y, z)} - {""}
+    units = {_unit_of(text, kind) or "" for text in texts} or {dialect.get(kind, "")}  # "" for an unknown unit
     if len(units) != 1 or not (unit := units.pop()):  # different units, or none
         valid = f"a unit in brackets ({', '.join(UNITS[kind])}), or {OPTION} {EXAMPLE}"
+        whole = all(row[at].strip().lstrip("+-").isdigit() for row in sample for at in (x, y, z) if at < len(row))
+        if (whole and sample) or any(map(COUNTS.fullmatch, texts)):
+            letter, scale = ("a", "g/16384") if kind == ACCEL else ("g", "deg/s/131")
+            valid += f"; raw counts need those per unit in the data sheet: {letter}x={header[x]}[{scale}]"
         raise ConfigError(path, f"header, unit of {header[x]}", named[x].unit or None, valid)
     return Signal(sensor=sensor, quantity=kind, at=(x, y, z), factor=UNITS[kind][unit])

@@ -18,10 +18,10 @@ import numpy as np
 from stridetwin.streams.bounded import LONGEST_ROW, read_lines
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.imu_text import (
-    SUFFIXES,
     TablePart,
     TableRequest,
-    is_imu_text,
+    find_quantities,
+    has_table_suffix,
     quantity_of,
     read_text_table,
     without_only_sensor,
@@ -30,11 +30,15 @@ from stridetwin.streams.formats.imu_units import ACCEL, GYRO
 from stridetwin.streams.formats.table_head import read_table_head
 from stridetwin.streams.formats.text_encoding import detect_encoding
 from stridetwin.streams.recording.index import Notes
+from stridetwin.streams.segments import side_of
 
 _MOST_HEADS = 64  # files of a folder that are looked at for a header
 # what the names of files with forces without gravity contain, and those of files that are neither forces nor rates
 _WITHOUT_GRAVITY = re.compile(r"linear(?!_?accelerations?\.sto)|user", re.IGNORECASE)
-_OTHER = re.compile(r"gravity|uncalibrated|metadata|magnet|orientation|annotation", re.IGNORECASE)
+_OTHER = re.compile(
+    r"gravity|uncalibrated|metadata|magnet|orientation|annotation|high_?-?g|quaternion|euler|magnitudes|^(?:earth|linear)\b",
+    re.IGNORECASE,
+)
 # the part of a file's name that says what it contains, with what follows; the rest names the sensor
 _WORDS = re.compile(
     r"[\W_]*(?:linear_accelerations?|angular_velocity|(?:total)?accel\w*?(?:eration|erometer)|gyr(?:o|oscope)?|acc(?:el)?"
@@ -48,10 +52,8 @@ _TOTAL, _GRAVITY, _METADATA = "TotalAcceleration.csv", "Gravity.csv", "Metadata.
 
 
 def is_imu_folder(path: Path) -> bool:
-    """Whether a folder has a table of forces and one of rates, by the names of its files, or a table of both."""
-    if {ACCEL, GYRO} <= {quantity_of(file.stem) for file in _list_tables(path)}:
-        return True
-    return bool(_list_complete_tables(path))
+    """Whether a folder has a table of forces or one of rates, by the names or the columns of its files."""
+    return bool(_list_complete_tables(path) or _list_tables(path))
 
 
 def read_folder_parts(path: Path, request: TableRequest, notes: Notes) -> list[TablePart]:
@@ -62,18 +64,21 @@ def read_folder_parts(path: Path, request: TableRequest, notes: Notes) -> list[T
 
     Args:
         path: The folder.
-        request: Columns and rate that the user gives.
+        request: Columns and rate that the user gives; of a table of one quantity, its columns alone are used.
         notes: Collects what was assumed.
 
     Raises:
         StrideTwinError: A table cannot be read, or all forces are without gravity.
     """
+    tables = _list_tables(path)
+    if not tables and request.columns:  # no name tells a quantity: each table is a sensor
+        return _read_sensor_tables(_list_text_files(path), request, notes)
     if complete := _list_complete_tables(path):
         return _read_sensor_tables(complete, request, notes)
     parts: list[TablePart] = []
-    for file in _list_tables(path):
+    for file, quantity in tables.items():
         sensor = _WORDS.sub("", file.stem)  # what the name of the file says beside the quantity
-        for part in read_text_table(file, request, notes):
+        for part in read_text_table(file, _select_columns(request, quantity), notes, quantity):
             name = part.sensor or sensor
             # of two tables with the same quantity of one sensor the first counts
             if all((known.sensor, known.quantity) != (name, part.quantity) for known in parts):
@@ -89,9 +94,28 @@ def read_folder_parts(path: Path, request: TableRequest, notes: Notes) -> list[T
     if (path / _METADATA).is_file() and _is_raw_iphone(path / _METADATA):
         notes.warn(f"{_METADATA}: an iPhone's forces have the opposite sign, which is corrected")
         parts = [replace(p, values=-p.values) if p.quantity == ACCEL else p for p in parts]
-    if len({part.sensor for part in parts}) == 1:  # the only sensor needs no name
-        parts = [replace(part, sensor="") for part in parts]
+    parts = _align_zeros(parts)
+    names = {part.sensor for part in parts}
+    if len(names) == 1 or len(parts) == len(tables) == 2:  # the only sensor needs no name, but keeps its side
+        side = side_of(min(names).lower()) if len(names) == 1 else ""
+        parts = [replace(part, sensor=part.sensor if side else "") for part in parts]
+        return parts
     return without_only_sensor(parts)
+
+
+def _align_zeros(parts: Sequence[TablePart]) -> list[TablePart]:
+    """The parts on the clock of the earliest one, if each counts from its own begin and gives the time of that."""
+    zeros = [part.zero_s for part in parts if part.zero_s is not None]
+    if len(zeros) < len(parts):
+        return list(parts)
+    return [replace(part, t=part.t + round(zero - min(zeros), 6)) for part, zero in zip(parts, zeros)]
+
+
+def _select_columns(request: TableRequest, quantity: str) -> TableRequest:
+    """The request with the columns of one quantity alone; all if the user names none of it."""
+    letter = "a" if quantity == ACCEL else "g"
+    selected = {key: text for key, text in request.columns.items() if key[0] in ("t", "k", letter)}
+    return replace(request, columns=selected) if any(key[0] == letter for key in selected) else request
 
 
 def _read_sensor_tables(files: Sequence[Path], request: TableRequest, notes: Notes) -> list[TablePart]:
@@ -111,11 +135,16 @@ def _name_sensor(file: Path) -> str:
     return " ".join(filter(None, (next(tags, ""), file.stem)))
 
 
+def _list_text_files(path: Path) -> list[Path]:
+    """Lists the files in a folder that may be text tables of forces and rates."""
+    files = [f for f in sorted(path.iterdir()) if f.is_file() and has_table_suffix(f) and f.suffix != ".sto"]
+    return [f for f in files if not _OTHER.search(f.name)]
+
+
 def _list_complete_tables(path: Path) -> list[Path]:
     """Lists the tables in a folder that have forces and rates, one for each sensor."""
-    files = [f for f in sorted(path.iterdir()) if f.is_file() and f.suffix in SUFFIXES and f.suffix != ".sto"]
-    files = [f for f in files if not _OTHER.search(f.name) and not quantity_of(f.stem)]
-    return [file for file in files[:_MOST_HEADS] if is_imu_text(file)]
+    files = [file for file in _list_text_files(path) if not quantity_of(file.stem)]
+    return [file for file in files[:_MOST_HEADS] if find_quantities(file) == {ACCEL, GYRO}]
 
 
 def _add_gravity(force: TablePart, gravity: TablePart) -> TablePart:
@@ -124,17 +153,23 @@ def _add_gravity(force: TablePart, gravity: TablePart) -> TablePart:
     return replace(force, values=force.values + added)
 
 
-def _list_tables(path: Path) -> list[Path]:
-    """Lists the tables of forces and rates in a folder by their names.
+def _list_tables(path: Path) -> dict[Path, str]:
+    """Lists the tables of forces or rates in a folder, with the quantity that their names or columns tell.
 
     Tables of orientation, magnetic field and forces without gravity are left out; `TotalAcceleration.csv` stands for
-    all forces where it exists.
+    all forces where it exists. Columns count where the names of files tell nothing, as in other languages.
     """
-    files = [f for f in sorted(path.iterdir()) if f.is_file() and f.suffix in SUFFIXES and quantity_of(f.stem)]
-    files = [f for f in files if not _OTHER.search(f.name) and not _WITHOUT_GRAVITY.search(f.name)]
+    files = [f for f in sorted(path.iterdir()) if f.is_file() and has_table_suffix(f) and not _OTHER.search(f.name)]
+    files = [f for f in files if not _WITHOUT_GRAVITY.search(f.name)]
+    tables = {file: quantity_of(file.stem) for file in files if quantity_of(file.stem)}
+    for file in files[:_MOST_HEADS]:
+        if file in tables or file.suffix == ".sto" or {ACCEL, GYRO} <= set(tables.values()):
+            continue
+        if len(kinds := find_quantities(file)) == 1:
+            tables[file] = kinds.pop()
     if (path / _TOTAL).is_file():
-        files = [f for f in files if f.name == _TOTAL or quantity_of(f.stem) == GYRO]
-    return files
+        tables = {file: kind for file, kind in tables.items() if file.name == _TOTAL or kind == GYRO}
+    return tables
 
 
 def _is_raw_iphone(file: Path) -> bool:

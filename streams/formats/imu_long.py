@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +13,10 @@ import numpy as np
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.formats.column_names import AXES, parse_column, sensor_of_text
 from stridetwin.streams.formats.imu_clocks import RATE, Clock, parse_stamps, read_times
-from stridetwin.streams.formats.imu_columns import OPTION, Columns, find_time, parse_header
+from stridetwin.streams.formats.imu_columns import KIND, OPTION, Columns, find_time, parse_header
 from stridetwin.streams.formats.imu_units import ACCEL, GYRO, TIME, UNITS, unit_of
 from stridetwin.streams.formats.table_head import TableHead, is_number
-from stridetwin.streams.formats.table_rows import read_groups
+from stridetwin.streams.formats.table_rows import RowReader, read_groups
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.samples import Array
 
@@ -55,6 +56,7 @@ class LongLayout:
         sensor: Column that names the sensor; None without.
         unit: Column of the units; None without.
         values: Columns of x, y and z, or the only one of a value.
+        is_guessed: Whether the columns of stamps and values have no names that tell them.
     """
 
     time: int | None
@@ -62,6 +64,7 @@ class LongLayout:
     sensor: int | None
     unit: int | None
     values: tuple[int, ...]
+    is_guessed: bool = False
 
 
 def find_long_layout(head: TableHead) -> LongLayout | None:
@@ -70,8 +73,6 @@ def find_long_layout(head: TableHead) -> LongLayout | None:
     Args:
         head: Head of the table, whose sample is looked at.
     """
-    if not head.has_names:
-        return None
     named = parse_header(head.names, head.units)
     texts = [{row[at].strip() for row in head.sample if at < len(row)} - {""} for at in range(len(head.names))]
     is_realsense = head.names[:3] == ("Stream Type", "Index", "F#")
@@ -81,11 +82,77 @@ def find_long_layout(head: TableHead) -> LongLayout | None:
         return None
     values = _find_values(head, quantity)
     if not values:
-        return None
+        return _guess_layout(head, quantity)
     names = [column.name for column in named]
     sensor = None if is_realsense else find_sensor_column(head, (quantity, *values))
     unit = next((at for at, name in enumerate(names) if name in ("unit", "units")), None)
     return LongLayout(time=find_time(named, head.sample), quantity=quantity, sensor=sensor, unit=unit, values=values)
+
+
+def _guess_layout(head: TableHead, quantity: int) -> LongLayout | None:
+    """The layout of rows whose columns have no names, as `ACCE;1.2;3.4;x;y;z;3`: stamps rise, and values follow them.
+
+    Args:
+        head: Head of the table.
+        quantity: Column that names the quantity of each row.
+    """
+    rows = [row for row in head.sample if quantity < len(row) and _quantity_of(row[quantity].strip())]
+    width = min(map(len, rows), default=0)
+    numeric = [at for at in range(width) if at != quantity and all(is_number(row[at]) for row in rows)]
+    first = next((at for at in numeric if at > quantity and not _rises(rows, at)), width)
+    stamps = [at for at in numeric if at < first and _rises(rows, at)]
+    values = [at for at in numeric if at >= first][: len(AXES)]
+    if not stamps or len(values) < len(AXES):
+        return None
+    return LongLayout(time=stamps[-1], quantity=quantity, sensor=None, unit=None, values=tuple(values), is_guessed=True)
+
+
+def _rises(rows: Sequence[Sequence[str]], at: int) -> bool:
+    """Whether the numbers of a column never fall, and rise now and then."""
+    numbers = [float(row[at].replace(",", ".")) for row in rows]
+    return all(a <= b for a, b in pairwise(numbers)) and numbers[0] < numbers[-1]
+
+
+def read_mapped_groups(
+    path: Path, head: TableHead, columns: Columns, kind_at: int, rate_hz: float | None, notes: Notes
+) -> Iterator[tuple[str, str, Array, Array]]:
+    """Reads the readings of a table in long form whose columns the user names.
+
+    Args:
+        path: Named by errors.
+        head: Head of the table.
+        columns: Columns of the stamps, and of the forces and rates in the rows that have them.
+        kind_at: Column that tells which of both a row has.
+        rate_hz: Rate of each quantity that the user gives; None: by the stamps.
+        notes: Collects what was assumed.
+
+    Yields:
+        Sensor, quantity, times (N,) s and values (N, 3) m/s² or rad/s.
+
+    Raises:
+        ConfigError: A cell is no number, or stamps or a quantity are missing.
+    """
+    at = [columns.time] if columns.time is not None and rate_hz is None else []
+    if not at and rate_hz is None:
+        raise ConfigError(path, OPTION, None, f"also t, or {RATE} HZ")
+    is_text = bool(at) and has_text_stamps(head, at[0])
+    wanted = [*at, *(column for signal in columns.signals for column in signal.at)]
+    reader = RowReader(wanted=wanted, times=len(at), texts_at=at[0] if is_text else None)
+    groups = read_groups(path, head, reader, notes, [kind_at], lambda key: bool(_quantity_of_code(key[0])))
+    for signal_at, signal in enumerate(columns.signals):
+        keys = [key for key in groups if _quantity_of_code(key[0]) == signal.quantity]
+        if not keys:
+            texts = ", ".join(sorted({row[kind_at] for row in head.sample if kind_at < len(row)}))
+            valid = f"names of sensors such as acc and gyro; the first rows have {texts[:80]}"
+            raise ConfigError(path, f"{OPTION} {KIND}", head.names[kind_at], valid)
+        table, texts_of_rows = groups[keys[0]]
+        if is_text:
+            t = parse_stamps(path, head.names[at[0]], texts_of_rows)
+        else:
+            clock = Clock(at=columns.time, kind="stamps" if at else "rows", rate_hz=rate_hz or 0.0)
+            t = read_times(path, columns, clock, table[:, 0], len(table), notes)
+        begin = len(at) + len(AXES) * signal_at
+        yield "", signal.quantity, t, signal.factor * table[:, begin : begin + len(AXES)]
 
 
 def find_sensor_column(head: TableHead, used: Sequence[int]) -> int | None:
@@ -128,22 +195,21 @@ def read_long_groups(
     if not at and rate_hz is None:
         raise ConfigError(path, "t", None, f"a column of time; the table has {', '.join(head.names)}; or {RATE} HZ")
     is_text = bool(at) and has_text_stamps(head, at[0])
-    groups = read_groups(
-        path,
-        head,
-        [*at, *layout.values],
-        key_at,
-        times=len(at),
-        texts_at=at[0] if is_text else None,
-        is_used=lambda key: bool(_quantity_of(key[0])),
-    )
+    reader = RowReader(wanted=[*at, *layout.values], times=len(at), texts_at=at[0] if is_text else None)
+    groups = read_groups(path, head, reader, notes, key_at, lambda key: bool(_quantity_of(key[0])))
+    if layout.is_guessed and at:
+        x, y, z = (column + 1 for column in layout.values)
+        notes.warn(
+            f"{path.name}: column {layout.quantity + 1} names the sensor of each row; column {at[0] + 1} is taken for "
+            f"stamps, {x}, {y}, {z} for x, y, z; otherwise give {OPTION}"
+        )
     unit = named[at[0]].unit if at else ""
     known = unit_of(unit)
     columns = Columns(
         names=head.names, time=layout.time, time_unit=known[1] if known is not None and known[0] == TIME else ""
     )
     series: dict[tuple[str, str, str], tuple[Array, Array]] = {}  # times and values, by sensor, quantity and axis
-    for key, (table, texts) in groups.items():
+    for key, (table, texts) in sorted(groups.items(), key=lambda group: parse_column(group[0][0]).is_raw):
         quantity, axis = _quantity_of(key[0]), parse_column(key[0]).axis
         kind = "stamps" if at else "rows"
         if is_text:
@@ -152,6 +218,7 @@ def read_long_groups(
             clock = Clock(at=layout.time, kind=kind, rate_hz=rate_hz or 0.0)
             t = read_times(path, columns, clock, table[:, 0], len(table), notes)
         key_unit = key[-1] if layout.unit is not None else parse_column(key[0]).unit or named[layout.values[0]].unit
+        key_unit = "" if layout.is_guessed else key_unit
         factor = _find_factor(path, key[0], quantity, key_unit, notes)
         sensor = key[1] if layout.sensor is not None else sensor_of_text(key[0])
         if (sensor, quantity, axis) not in series:
@@ -177,6 +244,11 @@ def _names_quantities(name: str, cells: set[str]) -> bool:
 def _quantity_of(text: str) -> str:
     """Quantity that a text or one of Android's types names; "" for any other."""
     return _ANDROID_TYPES.get(text, "") or parse_column(text).quantity
+
+
+def _quantity_of_code(text: str) -> str:
+    """Quantity that a text names, also as a letter `A` or `G`; "" for any other."""
+    return _quantity_of(text) or {"a": ACCEL, "g": GYRO}.get(text.strip().lower(), "")
 
 
 def _find_values(head: TableHead, quantity: int) -> tuple[int, ...]:

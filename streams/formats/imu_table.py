@@ -18,13 +18,13 @@ from stridetwin.streams.formats.column_names import AXES
 from stridetwin.streams.formats.derived import check_overlap, join_at_gyro_stamps
 from stridetwin.streams.formats.imu_bridging import bridge_gaps
 from stridetwin.streams.formats.imu_clocks import RATE
-from stridetwin.streams.formats.imu_columns import missing_axis_error
+from stridetwin.streams.formats.imu_columns import EXAMPLE, OPTION, missing_axis_error
 from stridetwin.streams.formats.imu_folder import read_folder_parts
-from stridetwin.streams.formats.imu_text import SUFFIXES, TablePart, TableRequest, read_text_table
+from stridetwin.streams.formats.imu_text import SUFFIXES, TablePart, TableRequest, has_table_suffix, read_text_table
 from stridetwin.streams.formats.imu_units import ACCEL, GYRO
 from stridetwin.streams.formats.imu_unmeasured import leave_out_unmeasured
 from stridetwin.streams.formats.tum import LATEST_S
-from stridetwin.streams.plausible import find_implausible_values
+from stridetwin.streams.plausible import find_doubt, find_implausible_values
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.samples import Array, Block, Imu, Stamps
 
@@ -32,6 +32,12 @@ MIN_ROWS = 20
 """Fewest rows of a table."""
 _FREE_BYTES, _BYTES_PER_BYTE = 16 << 20, 20
 """Bytes to which an array of a `.npz` may unpack: this many, and this many for each packed byte."""
+_ADVICE = {
+    "t": f"the unit of the stamps is given as {OPTION} t=NAME[ms]",
+    ACCEL: f"units are given as {OPTION} ax=NAME[g], those of raw counts as [g/16384]",
+    GYRO: f"units and axes are given as {OPTION} gx=NAME[deg/s], units of raw counts as [deg/s/131]",
+}
+"""What the user can give, by the field that is not plausible."""
 _COLUMNS = {ACCEL: "specific_force", GYRO: "angular_rate"}
 """Field of an `Imu` by quantity."""
 
@@ -80,7 +86,7 @@ def read_imu_tables(path: Path, request: TableRequest, notes: Notes) -> dict[str
             TablePart(file=path, sensor="", quantity=ACCEL, t=t, values=accel),
             TablePart(file=path, sensor="", quantity=GYRO, t=t, values=gyro),
         ]
-    elif path.suffix in SUFFIXES:
+    elif has_table_suffix(path) or request.columns:
         parts = read_text_table(path, request, notes)
     else:
         raise ConfigError(path, "", path.suffix, f"a table {', '.join(('.npz', *SUFFIXES))}")
@@ -115,7 +121,8 @@ def _to_imu_block(path: Path, sensor: str, parts: Mapping[str, TablePart], notes
                 only_part.file,
                 quantity,
                 None,
-                f"{what} of {sensor or 'the sensor'} as well; where they are in a second file, give the folder of both",
+                f"{what} of {sensor or 'the sensor'} as well; where they are in a second file, give the folder of both"
+                f"; other names: {OPTION} {EXAMPLE}",
             )
     force, rate = parts[ACCEL], parts[GYRO]
     name = sensor or "IMU"
@@ -141,7 +148,11 @@ def _to_imu_block(path: Path, sensor: str, parts: Mapping[str, TablePart], notes
     if len(block) < MIN_ROWS:
         raise ConfigError(path, "rows with forces and rates", len(block), f"at least {MIN_ROWS}")
     for implausible in find_implausible_values(block):  # the first one is the error
-        raise ConfigError(path, implausible.field, implausible.value, implausible.valid)
+        raise ConfigError(
+            path, implausible.field, implausible.value, f"{implausible.valid}; {_ADVICE[implausible.field]}"
+        )
+    if doubt := find_doubt(block):
+        notes.warn(f"{name}: {doubt}")
     return block
 
 
@@ -196,9 +207,8 @@ def _check_numbers(part: TablePart) -> None:
     if len(part.t) < MIN_ROWS:
         raise ConfigError(part.file, "rows", len(part.t), f"at least {MIN_ROWS}")
     for name, values in (("t", part.t[:, None]), (part.quantity, part.values)):
-        is_empty = np.asarray(
-            np.isnan(values).all(axis=1) & (name != "t"), bool
-        )  # rows without a measurement are left out elsewhere
+        # rows without a measurement are left out elsewhere
+        is_empty = np.asarray(np.isnan(values).all(axis=1) & (name != "t"), bool)
         bad = np.argwhere(~np.isfinite(values) & ~is_empty[:, None])  # (K, 2) row and column of each
         if len(bad):
             row, axis = bad[0]
@@ -212,9 +222,17 @@ def _check_times(part: TablePart) -> None:
     step = np.diff(t)
     if np.any(step < 0):
         row = int(np.argmax(step < 0)) + 1  # index of the first time that is before the previous one
-        raise ConfigError(
-            path, f"t, row {row + 1}", float(t[row]), f"a time after that of the previous row, {t[row - 1]:g} s"
-        )
+        count = int(np.count_nonzero(step < 0))
+        if t[row] < 0.5 * (t[0] + t[row - 1]):  # near the first stamp
+            cause = (
+                "did the recording begin again, as in files of several sessions? Cut the file there, and import each"
+            )
+        else:
+            cause = (
+                f"stamps go back {count} times: sort the rows by their stamps; or are rows of several sensors mixed?"
+            )
+        valid = f"a time after that of the previous row, {t[row - 1]:g} s; {cause}"
+        raise ConfigError(path, f"t, row {row + 1}", float(t[row]), valid)
     if t[0] < 0:
         raise ConfigError(path, "t, row 1", float(t[0]), "a time from 0 s on")
     if t[-1] >= LATEST_S:

@@ -13,11 +13,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stridetwin.streams.bounded import LONGEST_ROW, read_lines
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.formats.column_names import AXES
+from stridetwin.streams.formats.column_names import AXES, is_counter_name, parse_column
 from stridetwin.streams.formats.imu_clocks import (
+    TICKS,
+    Clock,
     choose_clock,
     has_nanoseconds,
     is_dot_tick,
@@ -29,16 +32,22 @@ from stridetwin.streams.formats.imu_clocks import (
 )
 from stridetwin.streams.formats.imu_columns import (
     ANDROID,
+    KIND,
     NUMBERED,
     OPTION,
     PICOQUAKE,
     XSENS_DOT,
     Columns,
     Dialect,
+    Signal,
     find_columns,
     find_force_without_gravity,
+    find_increment,
+    find_named_column,
+    is_stamp_column,
     map_columns,
     missing_axis_error,
+    name_numbered_axes,
     parse_header,
 )
 from stridetwin.streams.formats.imu_long import (
@@ -47,18 +56,23 @@ from stridetwin.streams.formats.imu_long import (
     find_sensor_column,
     has_text_stamps,
     read_long_groups,
+    read_mapped_groups,
 )
-from stridetwin.streams.formats.imu_units import ACCEL, GYRO
+from stridetwin.streams.formats.imu_units import ACCEL, GYRO, TIME, unit_of
 from stridetwin.streams.formats.table_head import TableHead, no_names_error, read_table_head
-from stridetwin.streams.formats.table_rows import read_groups
-from stridetwin.streams.formats.text_encoding import FALLBACK, detect_encoding
+from stridetwin.streams.formats.table_rows import RowReader, read_groups
+from stridetwin.streams.formats.text_encoding import detect_encoding
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.samples import Array
 
-SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".sto")
-"""Endings of the files of text tables."""
-OPEN_SUFFIXES = (".txt", ".dat")
+SUFFIXES = (".csv", ".txt", ".tsv", ".tab", ".dat", ".log", ".asc", ".prn", ".sto")
+"""Endings of the files of text tables, in lower case."""
+OPEN_SUFFIXES = (".txt", ".dat", ".log", ".asc", ".prn")
 """Those of them that other kinds of text have as well."""
+_APPLE = re.compile(r"accelerometerAcceleration[XYZ]\b")
+"""Names of Core Motion's acceleration, which is the opposite of the specific force."""
+_MOST_NAMED = 6
+"""Most columns that the report of unused ones names."""
 # what the name of a file or folder with forces, or with rates, contains
 _QUANTITIES = (
     (ACCEL, re.compile(r"acc(?:el|_|$)|_acc", re.IGNORECASE)),
@@ -90,6 +104,7 @@ class TablePart:
         quantity: `accel` or `gyro`.
         t: (N,) s.
         values: (N, 3) m/s² or rad/s.
+        zero_s: Time of t = 0 since 1970, where the table gives both; None otherwise.
     """
 
     file: Path
@@ -97,6 +112,7 @@ class TablePart:
     quantity: str
     t: Array
     values: Array
+    zero_s: float | None = None
 
 
 def read_text_table(path: Path, request: TableRequest, notes: Notes, quantity: str | None = None) -> list[TablePart]:
@@ -113,7 +129,7 @@ def read_text_table(path: Path, request: TableRequest, notes: Notes, quantity: s
     """
     quantity = quantity_of(path.stem) if quantity is None else quantity
     text = _read_text(path, notes)
-    if path.suffix == ".sto":
+    if path.suffix.lower() == ".sto":
         return _read_vectors(path, text, quantity)
     try:
         return _read_scalars(path, text, request, notes, quantity)
@@ -122,15 +138,41 @@ def read_text_table(path: Path, request: TableRequest, notes: Notes, quantity: s
 
 
 def is_imu_text(path: Path) -> bool:
-    """Whether the names of a text table's columns are those of forces and rates of an IMU; no error is raised."""
-    try:
-        head = read_table_head(read_lines(path, detect_encoding(path), LONGEST_ROW))
-        if find_long_layout(head) is not None:
-            return True
-        kinds = {column.quantity for column in parse_header(head.names, head.units) if column.axis}
-    except (StrideTwinError, csv.Error):
+    """Whether a text table has columns of an IMU: forces or rates, or what is refused in place of them.
+
+    No error is raised.
+    """
+    head = _read_head(path)
+    if head is None:
         return False
-    return head.has_names and {ACCEL, GYRO} <= kinds
+    is_other = find_force_without_gravity(head.names) or find_increment(head.names)
+    return bool(find_quantities(path)) or (head.has_names and bool(is_other))
+
+
+def find_quantities(path: Path) -> set[str]:
+    """Quantities of the columns of a text table, `accel` and `gyro`, by their names; no error is raised."""
+    head = _read_head(path)
+    if head is None:
+        return set()
+    if find_long_layout(head) is not None:
+        return {ACCEL, GYRO}
+    if not head.has_names:
+        return set()
+    named = name_numbered_axes(parse_header(head.names, head.units))
+    return {column.quantity for column in named if column.axis and column.quantity}
+
+
+def has_table_suffix(path: Path) -> bool:
+    """Whether the name of a file ends as those of text tables do, in any case."""
+    return path.suffix.lower() in SUFFIXES
+
+
+def _read_head(path: Path) -> TableHead | None:
+    """Head of a text table; None for a file that is none."""
+    try:
+        return read_table_head(read_lines(path, detect_encoding(path), LONGEST_ROW))
+    except (StrideTwinError, csv.Error):
+        return None
 
 
 def _read_text(path: Path, notes: Notes) -> Iterator[str]:
@@ -140,8 +182,8 @@ def _read_text(path: Path, notes: Notes) -> Iterator[str]:
         StrideTwinError: The file cannot be read, is too large, or is not text.
     """
     encoding = detect_encoding(path)
-    if encoding == FALLBACK:
-        notes.warn(f"{path.name}: is not UTF-8; read as {FALLBACK}")
+    if not encoding.startswith("utf"):
+        notes.warn(f"{path.name}: is not UTF-8; read as {encoding}")
     return read_lines(path, encoding, LONGEST_ROW)
 
 
@@ -168,13 +210,15 @@ def _read_scalars(
         notes.warn(f"{path.name}: {len(skipped)} lines between names and numbers are left out: {skipped[0][:60]}")
     if not request.columns and (layout := find_long_layout(head)) is not None:
         return _read_long(path, head, layout, request, notes)
+    if KIND in request.columns:
+        return _read_mapped(path, head, request, notes)
     is_numbered = all(text.partition("[")[0].strip().isdecimal() for text in request.columns.values())
     if not is_numbered or not request.columns:
         _check_width(path, head)
     else:  # cells beyond the names have numbers alone
         width = max((len(row) for row in head.sample), default=0)
         head = replace(head, names=(*head.names, *(str(k + 1) for k in range(len(head.names), width))))
-    columns = _columns_of(path, head, request, quantity)
+    columns = _columns_of(path, head, request, quantity, notes)
     used = [at for signal in columns.signals for at in signal.at]
     sensor_at = None if request.columns or head.sensors else find_sensor_column(head, used)
     _report_dialect(path, head, columns, notes)
@@ -193,7 +237,7 @@ def _names_of(mapping: Mapping[str, str]) -> list[str]:
     return [name for text in mapping.values() for name in (text, re.sub(r"\s*[\[(][^\[(]*[\])]\s*$", "", text))]
 
 
-def _columns_of(path: Path, head: TableHead, request: TableRequest, quantity: str) -> Columns:
+def _columns_of(path: Path, head: TableHead, request: TableRequest, quantity: str, notes: Notes) -> Columns:
     """The columns of time, forces and rates, as the user or the header names them.
 
     Raises:
@@ -207,6 +251,11 @@ def _columns_of(path: Path, head: TableHead, request: TableRequest, quantity: st
         columns = find_columns(
             path, head.names, head.sensors, quantity, units=head.units, sample=head.sample, dialect=_dialect_of(head)
         )
+        if any(_APPLE.match(name) for name in head.names):
+            notes.warn(f"{path.name}: Apple's forces have the opposite sign, which is corrected")
+            columns = replace(columns, signals=tuple(map(_turn_force, columns.signals)))
+        if columns.time is not None and not is_stamp_column(parse_header(head.names, head.units)[columns.time]):
+            notes.warn(f"{path.name}: column {head.names[columns.time] or columns.time + 1} is taken for the stamps")
     without = find_force_without_gravity(head.names)
     if without and all(signal.quantity != ACCEL for signal in columns.signals) and quantity != GYRO:
         valid = f"forces with gravity, as the sensor measures them: export those beside {without} as well"
@@ -216,15 +265,25 @@ def _columns_of(path: Path, head: TableHead, request: TableRequest, quantity: st
     return columns
 
 
+def _turn_force(signal: Signal) -> Signal:
+    """A signal with the opposite sign if it is a force."""
+    return replace(signal, factor=-signal.factor) if signal.quantity == ACCEL else signal
+
+
 def _check_width(path: Path, head: TableHead) -> None:
     """Refuses a table whose rows have more cells than names, as where commas separate cells and decimals."""
-    widths = [len(row) - (not row[-1].strip()) for row in head.sample if row]
+    widths = [len(row) - _count_empty_at_end(row) for row in head.sample if row]
     if widths and min(widths) > len(head.names):
         valid = (
             f"{len(head.names)}, as many as names ({', '.join(head.names[:9])}); if decimals have commas, cells need "
             f"another separator: export with ; or with decimal points; {OPTION} numbers columns without a name"
         )
         raise ConfigError(path, "cells of a row", min(widths), valid)
+
+
+def _count_empty_at_end(row: Sequence[str]) -> int:
+    """Number of empty cells at the end of a row, behind separators."""
+    return next((k for k, cell in enumerate(reversed(row)) if cell.strip()), len(row))
 
 
 def _report_dialect(path: Path, head: TableHead, columns: Columns, notes: Notes) -> None:
@@ -278,31 +337,136 @@ def _read_cells(
         ConfigError: A cell is no number, or the table has no stamps and no rate.
     """
     rate_hz = preamble_rate(head.preamble)
-    clock = choose_clock(path, columns, request.rate_hz, rate_hz, tick_length(head.names, head.sample, rate_hz), notes)
+    tick_s = tick_length(head.names, head.sample, rate_hz)
+    clock = choose_clock(path, columns, head.sample, request.rate_hz, rate_hz, tick_s, notes)
     at = [clock.at] if clock.at is not None else []
     texts_at = at[0] if at and has_text_stamps(head, at[0]) else None
     has_fraction = columns.fraction is not None and clock.kind == "stamps"
     at += [columns.fraction] if has_fraction and columns.fraction is not None else []
-    wanted = [*at, *(index for signal in columns.signals for index in signal.at)]  # first times, then x, y, z of each
+    own_times = [s.time for s in columns.signals if s.time is not None] if clock.kind == "stamps" else []
+    # first times, then x, y, z of each signal, then stamps of a signal alone, then stamps that the rate replaces
+    wanted = [*at, *(index for signal in columns.signals for index in signal.at), *own_times]
     unused = columns.time if clock.kind == "rows" and not has_text_stamps(head, columns.time or 0) else None
-    more = [] if unused is None else [unused]  # stamps that the rate replaces
-    groups = read_groups(path, head, [*wanted, *more], key_at, times=len(at), texts_at=texts_at, unused_at=unused)
+    wanted += [] if unused is None else [unused]
+    wanted += [] if columns.epoch is None or own_times else [columns.epoch]
+    times = 0 if own_times else len(at)  # where signals have stamps of their own, rows may lack others
+    reader = RowReader(wanted=wanted, times=times, texts_at=texts_at, unused_at=unused)
+    groups = read_groups(path, head, reader, notes, key_at)
+    _report_unused(path, head, [*wanted, *key_at], notes)
     result: dict[tuple[str, ...], list[TablePart]] = {}
     for key, (table, texts) in groups.items():
-        if texts_at is not None:  # dates or times of day: seconds, whatever the unit in the header
-            t = parse_stamps(path, head.names[at[0]], texts)
-        else:
-            t = read_times(path, columns, clock, table[:, 0] if at else table, len(table), notes)
-        if has_fraction:
-            t = t + columns.fraction_s * table[:, 1]
+        cells = {index: table[:, place] for place, index in reversed(list(enumerate(wanted)))}
         if unused is not None:
-            report_rate(path, columns, table[:, -1], clock.rate_hz, notes)
-        parts = result.setdefault(key, [])
-        for k, signal in enumerate(columns.signals):
-            x_column = len(at) + 3 * k  # in `table`; those of y and z follow
-            values = signal.factor * table[:, x_column : x_column + 3]
-            parts.append(TablePart(file=path, sensor=signal.sensor, quantity=signal.quantity, t=t, values=values))
+            report_rate(path, columns, cells[unused], clock.rate_hz, notes)
+        if own_times:
+            clocks = _read_own_times(path, head, columns, cells, notes)
+        else:
+            t = _read_shared_times(path, head, columns, clock, cells, texts if texts_at is not None else None, notes)
+            clocks = [(t, np.arange(len(t)))] * len(columns.signals)
+        result[key] = [
+            _to_part(path, columns, signal, cells, t, rows)
+            for signal, (t, rows) in zip(columns.signals, clocks, strict=True)
+        ]
     return result
+
+
+def _to_part(
+    path: Path, columns: Columns, signal: Signal, cells: Mapping[int, Array], t: Array, rows: NDArray[np.int64]
+) -> TablePart:
+    """The part of a signal.
+
+    Args:
+        path: The table.
+        columns: The columns.
+        signal: The signal.
+        cells: (N,) numbers by the index of their column.
+        t: (K,) times, s.
+        rows: (K,) rows that they are of.
+    """
+    values = signal.factor * np.column_stack([cells[index] for index in signal.at])[rows]
+    zero_s = None
+    if columns.epoch is not None and columns.epoch in cells and len(t):
+        zero_s = float(columns.epoch_s * cells[columns.epoch][rows[0]] - t[0])
+    return TablePart(file=path, sensor=signal.sensor, quantity=signal.quantity, t=t, values=values, zero_s=zero_s)
+
+
+def _read_shared_times(
+    path: Path,
+    head: TableHead,
+    columns: Columns,
+    clock: Clock,
+    cells: Mapping[int, Array],
+    texts: Sequence[str] | None,
+    notes: Notes,
+) -> Array:
+    """Times of the rows, (N,) s, of a table with one clock.
+
+    Args:
+        path: Named by errors.
+        head: Head of the table.
+        columns: The columns.
+        clock: What tells the times.
+        cells: (N,) numbers by the index of their column.
+        texts: The stamps, if they are dates or times of day; then they are seconds, whatever the unit in the header.
+        notes: Collects what was assumed.
+    """
+    count = len(cells[columns.signals[0].at[0]])
+    if texts is not None:
+        t = parse_stamps(path, head.names[clock.at or 0], texts)
+    else:
+        t = read_times(path, columns, clock, np.empty(0) if clock.at is None else cells[clock.at], count, notes)
+    if columns.fraction in cells and columns.fraction is not None and clock.kind == "stamps":
+        t = t + columns.fraction_s * cells[columns.fraction]
+    return t
+
+
+def _read_own_times(
+    path: Path, head: TableHead, columns: Columns, cells: Mapping[int, Array], notes: Notes
+) -> list[tuple[Array, NDArray[np.int64]]]:
+    """Times (K,) s of each signal, and the rows (K,) that they are of, in a table of several clocks.
+
+    Args:
+        path: Named by errors.
+        head: Head of the table.
+        columns: The columns, some of whose signals have stamps of their own.
+        cells: (N,) numbers by the index of their column; not a number where a row has no stamp.
+        notes: Collects what was assumed.
+    """
+    named = parse_header(head.names, head.units)
+    known: dict[int, tuple[Array, NDArray[np.int64]]] = {}  # by the column of stamps
+    result = []
+    for signal in columns.signals:
+        at = columns.time if signal.time is None else signal.time
+        if at is None:
+            raise missing_axis_error(path, TIME, "", head.names)
+        if at not in known:
+            rows = np.flatnonzero(np.isfinite(cells[at]))
+            unit = unit_of(named[at].unit)
+            of_signal = replace(columns, time=at, time_unit=columns.time_unit if unit is None else unit[1])
+            t = read_times(path, of_signal, Clock(at=at, kind="stamps"), cells[at][rows], len(rows), notes)
+            known[at] = (t, rows)
+        result.append(known[at])
+    return result
+
+
+def _report_unused(path: Path, head: TableHead, used: Sequence[int], notes: Notes) -> None:
+    """Names the columns that are neither stamps nor forces nor rates, as a misspelled one would be among them."""
+    names = [
+        name
+        for at, name in enumerate(head.names)
+        if head.has_names and at not in used and name.strip() and not _counts_or_times(name)
+    ]
+    if names:
+        more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
+        notes.warn(f"{path.name}: columns that are not used: {', '.join(names[:_MOST_NAMED])}{more}")
+
+
+def _counts_or_times(name: str) -> bool:
+    """Whether a column has other stamps or numbers of the rows."""
+    column = parse_column(name)
+    joined = column.name.replace("_", "")
+    is_index = joined.startswith("unnamed") or joined in ("index", "row", TICKS)
+    return is_index or is_counter_name(column.name) or is_stamp_column(column)
 
 
 def _read_long(path: Path, head: TableHead, layout: LongLayout, request: TableRequest, notes: Notes) -> list[TablePart]:
@@ -316,6 +480,21 @@ def _read_long(path: Path, head: TableHead, layout: LongLayout, request: TableRe
         for sensor, quantity, t, values in read_long_groups(path, head, layout, request.rate_hz, notes)
     ]
     return without_only_sensor(parts)
+
+
+def _read_mapped(path: Path, head: TableHead, request: TableRequest, notes: Notes) -> list[TablePart]:
+    """Reads a table whose rows are readings of one sensor each, by the columns that the user names.
+
+    Raises:
+        ConfigError: A column is unknown, a cell is no number, or stamps or a quantity are missing.
+    """
+    columns = map_columns(path, head.names, request.columns, head.units)
+    kind_at = find_named_column(path, head.names, KIND, request.columns[KIND])
+    parts = [
+        TablePart(file=path, sensor=sensor, quantity=quantity, t=t, values=values)
+        for sensor, quantity, t, values in read_mapped_groups(path, head, columns, kind_at, request.rate_hz, notes)
+    ]
+    return parts
 
 
 def without_only_sensor(parts: Sequence[TablePart]) -> list[TablePart]:

@@ -11,7 +11,7 @@ from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
 
 TIME, ACCEL, GYRO = "time", "accel", "gyro"
 UNITS: Mapping[str, Mapping[str, float]] = {
-    TIME: {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "ns": 1e-9, "0.1ms": 1e-4},
+    TIME: {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "ns": 1e-9, "0.1ms": 1e-4, "min": 60.0, "h": 3600.0, "d": 86400.0},
     ACCEL: {
         "m/s²": 1.0,
         "g": STANDARD_GRAVITY_MPS2,
@@ -29,23 +29,33 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     },
 }
 """Factor to s, m/s² and rad/s of each unit, by quantity."""
-_LONGEST = 24
+_LONGEST = 40
 """Most characters of a unit."""
 _CHANGES = (
     (re.compile(r"[\s()\[\]{}\"']"), ""),
     (re.compile(r"μ"), "µ"),  # the Greek letter becomes the micro sign
+    (re.compile(r"град"), "deg"),
+    (re.compile(r"рад"), "rad"),
+    (re.compile(r"[cс]ек|с(?![а-я])"), "s"),  # Cyrillic letters
+    (re.compile(r"м(?![а-я])"), "m"),
     (re.compile(r"\*\*"), "^"),
-    (re.compile(r"â(?=[°µ²])|^[?\ufffd](?=/s)"), ""),  # signs that were saved in another encoding
+    (re.compile(r"squared"), "^2"),
+    (re.compile(r"â(?=[°µ²])|^[?\ufffd¡ø](?=/s)"), ""),  # signs that were saved in another encoding
+    (re.compile(r"(?<=/s)ý$"), "²"),
     (re.compile(r"^/s"), "deg/s"),
     (re.compile(r"milli-?"), "m"),
     (re.compile(r"micro-?"), "µ"),
     (re.compile(r"nano-?"), "n"),
     (re.compile(r"met(?:er|re)s?"), "m"),
-    (re.compile(r"seconds?|secs?"), "s"),
+    (re.compile(r"seconds?|secs?|sek"), "s"),
+    (re.compile(r"^min(?:ute)?s?$"), "min"),
+    (re.compile(r"^(?:hours?|hrs?)$"), "h"),
+    (re.compile(r"^days?$"), "d"),
     (re.compile(r"deg(?:ree)?s?(?![a-z])|°|º|˚"), "deg"),
     (re.compile(r"radians?"), "rad"),
     (re.compile(r"per"), "/"),
     (re.compile(r"^us$"), "µs"),
+    (re.compile(r"^(?:d|grad)/s$"), "deg/s"),
     (re.compile(r"^(m?)dps$"), r"\1deg/s"),
     (re.compile(r"^(m?)degps$"), r"\1deg/s"),
     (re.compile(r"^(?:rps|radps)$"), "rad/s"),
@@ -54,6 +64,38 @@ _CHANGES = (
     (re.compile(r"^(m?(?:deg|rad)|rev)[*.·⋅]?s\^?[-⁻−]\^?[1¹]$"), r"\1/s"),
 )
 """Changes that make the usual spelling of other ones in lower case, in this order."""
+
+
+_SCALED = (
+    re.compile(r"(?P<unit>.+?)\s*/\s*(?P<divisor>\d+(?:\.\d+)?)"),
+    re.compile(r"(?P<unit>.+?)\s*[*·]\s*(?P<factor>\d*\.?\d+(?:e[+-]?\d+)?)"),
+    re.compile(r"(?P<factor>\d*\.?\d+(?:e[+-]?\d+)?)(?:\s*/\s*(?P<divisor>\d+(?:\.\d+)?))?\s*[*·]?\s*(?P<unit>\D.*)"),
+)
+"""Units with a scale, as the data sheets of raw counts give them: `g/16384`, `deg/s/131`, `mg*0.061`, `0.061 mg`."""
+COUNTS = re.compile(r"(?:raw|adc|lsb|digits?|counts?|no[ _]?units?|lsb/.*)", re.IGNORECASE)
+"""Texts in place of a unit that say that the numbers are raw counts."""
+
+
+def factor_of(text: str, quantity: str) -> float | None:
+    """Factor to m/s² or rad/s of a unit, which may have a scale as `g/16384`; None for an unknown one.
+
+    Args:
+        text: As in a mapping of the user; `G` is the unit g of a force.
+        quantity: `accel` or `gyro`.
+    """
+    text = text.lower() if quantity == ACCEL else text
+    known = unit_of(text)
+    if known is not None:
+        return UNITS[quantity][known[1]] if known[0] == quantity else None
+    for pattern in _SCALED:
+        matched = pattern.fullmatch(text.strip())
+        known = unit_of(matched["unit"]) if matched is not None else None
+        if matched is None or known is None or known[0] != quantity:
+            continue
+        parts = {name: float(value) for name, value in matched.groupdict().items() if name != "unit" and value}
+        if all(parts.values()):
+            return UNITS[quantity][known[1]] * parts.get("factor", 1.0) / parts.get("divisor", 1.0)
+    return None
 
 
 @functools.lru_cache(maxsize=4096)

@@ -29,11 +29,17 @@ _CLEAR = 8.0
 """Steps of the numbers' resolution by which the rows around are others."""
 _FAST: Mapping[str, float] = {"accel": 2.0, "gyro": 0.5}
 """By how much the rows at both ends of a longer run must be others, m/s² or rad/s."""
+_LEAST_ZEROS, _CLEARLY = 0.05, 3.0
+"""Share of rows with a zero on one axis that count as no measurement, and by how many usual steps the rows around are
+others."""
 _MOST_SHARE = 0.9
 """Share of rows without a measurement from which on the stream is refused."""
 _FEWEST_FILLS = 2
-_FEWEST_READINGS, _LEAST_HELD = 10, 0.3
+_FEWEST_READINGS, _LEAST_HELD = 10, 0.02
 """Readings in motion that must be held for several rows, and their share among all readings in motion."""
+_FROZEN_ROWS, _MOST_FROZEN = 5, 3
+"""Fewest equal rows that count as those of a sensor that stood still, if a jump is at one of their ends; and most runs
+of them without a jump, of a sensor whose noise lets no other row repeat."""
 _MOST_FILLS = 16
 """Most values that are tried, the most frequent ones first."""
 _FAR = 2.0
@@ -43,16 +49,18 @@ _FAR = 2.0
 def find_unmeasured(quantity: str, values: Array) -> Flags:
     """Finds the rows in which no axis of a quantity was measured.
 
-    Three cells that are no numbers are none. Three equal numbers (zeros, or a fill value that occurs twice or is far
-    from all others) are none if the rows around are clearly others: by more than the resolution of the numbers in short
-    runs and where measured rows stand alone, by a fast movement in longer runs, since a gyroscope at rest may show
-    zeros.
+    Three cells that are no numbers are none, and so are rows in which one axis is 0 again and again, unlike the rows
+    around. Three equal numbers (zeros, or a fill value that occurs twice or is far from all others) are none if the
+    rows around are clearly others: by more than the resolution of the numbers in short runs and where measured rows
+    stand alone, by a fast movement in longer runs, since a gyroscope at rest may show zeros.
 
     Args:
         quantity: `accel` or `gyro`.
         values: (N, 3) m/s² or rad/s.
     """
     empty = np.asarray(np.isnan(values).all(axis=1), bool)
+    for axis in range(values.shape[1]):
+        empty |= _find_zeros(values[:, axis])
     finite = np.asarray(np.isfinite(values).all(axis=1), bool)
     equal = finite & (values[:, 0] == values[:, 1]) & (values[:, 1] == values[:, 2])
     if not equal.any() or len(values) < _SHORTEST_RUN:
@@ -64,6 +72,28 @@ def find_unmeasured(quantity: str, values: Array) -> Flags:
         if fill == 0.0 or count >= _FEWEST_FILLS or abs(fill) > _FAR * np.abs(values[finite & ~equal]).max(initial=0.0):
             result |= _find_fills(quantity, values, equal & (values[:, 0] == fill), float(fill), ~equal & finite)
     return result
+
+
+def _find_zeros(values: Array) -> Flags:
+    """The rows (N,) in which one axis alone is exactly 0 again and again, while the rows around it are clearly others.
+
+    Args:
+        values: (N,) numbers of one axis.
+    """
+    none: Flags = np.zeros(len(values), bool)
+    is_zero = values == 0.0
+    at = np.flatnonzero(~is_zero & np.isfinite(values))
+    if len(at) < 2 or np.count_nonzero(is_zero) < _LEAST_ZEROS * len(values):
+        return none
+    around = np.abs(np.interp(np.arange(len(values)), at, values[at]))
+    jumps = np.abs(np.diff(values[at]))
+    resolution = float(np.abs(values[at]).min())
+    begins, ends, runs = _find_runs(is_zero)
+    typical = float(np.median(jumps))  # between measured rows
+    for begin, end, length in zip(begins, ends, runs):
+        clear = around[begin:end].min()
+        none[begin:end] = length <= _SHORTEST_RUN and clear > _CLEAR * resolution and clear > _CLEARLY * typical
+    return none if np.count_nonzero(none) >= _LEAST_ZEROS * len(values) else np.zeros(len(values), bool)
 
 
 def find_held(values: Array) -> Flags:
@@ -90,6 +120,26 @@ def find_held(values: Array) -> Flags:
     repeats: Flags = np.ones(len(values), bool)
     repeats[begins] = False
     return repeats & (np.repeat(lengths, lengths) <= 2 * np.median(held))
+
+
+def find_frozen(quantity: str, values: Array) -> Flags:
+    """Finds the rows that repeat the row before for long, up to a jump, as where a sensor or its driver stood still.
+
+    Args:
+        quantity: `accel` or `gyro`.
+        values: (N, 3) m/s² or rad/s.
+    """
+    steps = np.abs(np.diff(values, axis=0)).max(axis=1, initial=0.0)  # (N - 1,)
+    frozen: Flags = np.zeros(len(values), bool)
+    begins, ends, runs = _find_runs(np.concatenate(([False], steps == 0.0)))
+    is_rare = len(runs) <= _MOST_FROZEN and bool(np.all(runs >= _FROZEN_ROWS))  # noise lets no other row repeat
+    for begin, end, length in zip(begins, ends, runs):
+        before = steps[begin - 2] if begin > 1 else 0.0
+        after = steps[end - 1] if end - 1 < len(steps) else 0.0
+        is_inside = begin > 1 and end - 1 < len(steps) and bool(values[begin].any())
+        is_sudden = max(before, after) > _FAST[quantity] or (is_rare and is_inside)
+        frozen[begin:end] = length >= _FROZEN_ROWS and is_sudden
+    return frozen
 
 
 def leave_out_unmeasured(name: str, block: Block[SampleT], notes: Notes) -> Block[SampleT]:
@@ -127,6 +177,12 @@ def leave_out_unmeasured(name: str, block: Block[SampleT], notes: Notes) -> Bloc
                 "a slower sensor: left out, and interpolated"
             )
             flags[column] = held
+        elif (frozen := find_frozen(quantity, block.columns[column])).any():
+            notes.warn(
+                f"{name}: {int(frozen.sum())} of {len(frozen)} rows repeat the same {_WHAT[quantity]} for long, as of "
+                f"a sensor that stood still: left out, and interpolated over up to {LONGEST_S:g} s"
+            )
+            flags[column] = frozen
     if not flags:
         return block
     columns = dict(block.columns)

@@ -23,12 +23,13 @@ from stridetwin.streams.formats.imu_bridging import bridge_gaps
 from stridetwin.streams.formats.imu_columns import NUMBERED, OPTION
 from stridetwin.streams.formats.imu_folder import is_imu_folder
 from stridetwin.streams.formats.imu_table import read_imu_tables
-from stridetwin.streams.formats.imu_text import OPEN_SUFFIXES, SUFFIXES, TableRequest, is_imu_text
+from stridetwin.streams.formats.imu_text import OPEN_SUFFIXES, TableRequest, has_table_suffix, is_imu_text
 from stridetwin.streams.formats.imu_unmeasured import leave_out_unmeasured
 from stridetwin.streams.formats.unknown_folder import VIDEO, describe_parent, describe_unknown
 from stridetwin.streams.kalibr import read_rig
 from stridetwin.streams.plausible import (
     IMAGE_RATES_HZ,
+    find_doubt,
     find_implausible_depth,
     find_implausible_rates,
     find_implausible_values,
@@ -155,7 +156,8 @@ def recognise(path: Path) -> str:
             return kind
     if path.suffix == ".vrs":
         return "vrs"
-    if path.suffix in (".npz", *SUFFIXES) and (path.suffix not in OPEN_SUFFIXES or is_imu_text(path)):
+    suffix = path.suffix.lower()
+    if suffix == ".npz" or (has_table_suffix(path) and (suffix not in OPEN_SUFFIXES or is_imu_text(path))):
         return "table"
     if path.suffix.lower() in _UNREAD:
         raise StrideTwinError(f"{path}: {path.suffix} files are not read: {_UNREAD[path.suffix.lower()]}")
@@ -167,7 +169,7 @@ def recognise(path: Path) -> str:
         raise RecordingError(f"{path}: this is no {by_name[path.suffix]}")
     kinds = ", ".join(FILE_FORMATS)
     numbered = f"; a text table of an IMU needs names of its columns, or their numbers: {OPTION} {NUMBERED}"
-    hint = numbered if path.suffix in OPEN_SUFFIXES else ""
+    hint = numbered if suffix in OPEN_SUFFIXES else ""
     if path.suffix in _PART_SUFFIXES and (above := describe_parent(path, _find_layout)) is not None:
         hint = f"; {above}"
     raise StrideTwinError(f"{path}: unknown content: expected a recording of one of the kinds {kinds}{hint}")
@@ -179,9 +181,16 @@ def is_table(path: Path, request: TableRequest) -> bool:
     Raises:
         StrideTwinError: The source does not exist or is of no known kind.
     """
-    if request.columns and path.is_file() and path.suffix in SUFFIXES:
+    if request.columns and (path.is_file() or _has_tables(path)):
         return True
     return recognise(path) == "table"
+
+
+def _has_tables(path: Path) -> bool:
+    """Whether a path is a folder of text tables that has the layout of no other kind."""
+    if not path.is_dir() or _find_layout(path) not in (None, "table"):
+        return False
+    return any(map(has_table_suffix, path.iterdir()))
 
 
 def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | None = None) -> Recording:
@@ -305,7 +314,8 @@ def imu_topic(name: str) -> str:
         return f"/{segment}/imu"
     if side and not segment:
         return f"/foot_{side}/imu"
-    return f"/{re.sub(r'[^A-Za-z0-9_]+', '_', name).strip('_')}/imu"
+    topic = re.sub(r"[^A-Za-z0-9_]+", "_", name).strip("_")
+    return f"/imu_{topic}/imu" if topic[:1].isdigit() else f"/{topic}/imu"
 
 
 def _read_source(path: Path, kind: str, options: ImportOptions, notes: Notes) -> Source:
@@ -321,7 +331,8 @@ def _read_source(path: Path, kind: str, options: ImportOptions, notes: Notes) ->
         _report_images(path, notes)
         imus = read_imu_tables(path, options.table, notes)
         names = {name: imu_topic(name) for name in imus if name}
-        blocks: dict[str, Block[Sample]] = {name or TABLE_TOPIC: block for name, block in imus.items()}
+        only = "/foot_r/imu" if segment_of(path.stem) == "foot_r" else TABLE_TOPIC
+        blocks: dict[str, Block[Sample]] = {name or only: block for name, block in imus.items()}
         return Source(kind=kind, blocks=blocks, images={}, rig=Rig(), names=names)
     if kind in _READERS:
         has_scale = kind in _WITH_DEPTH_SCALE and options.depth_scale
@@ -613,6 +624,8 @@ def _check_plausible(source: Source, notes: Notes) -> None:
                 continue
             for implausible in find_implausible_values(sound):
                 notes.add_problem(Problem(topic, int(sound.t_ns[0]), str(implausible)))
+            if source.kind != "table" and (doubt := find_doubt(sound)):  # of tables it is reported before
+                notes.warn(f"{topic}: {doubt}")
     for topic, images in source.images.items():
         rising = images.t_ns[is_increasing(images.t_ns)]
         if len(rising) < _FEWEST:

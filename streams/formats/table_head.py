@@ -26,6 +26,19 @@ _GIVEN_SEPARATOR = re.compile(r"\"?sep=(.)\"?\s*", re.IGNORECASE)
 """The first line by which spreadsheets are told the separator."""
 _NUMBER = re.compile(r"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?\s*", re.IGNORECASE)
 _COMMA_NUMBER = re.compile(r"\s*[+-]?(?:\d+,\d*|,\d+)(?:e[+-]?\d+)?\s*", re.IGNORECASE)
+_THOUSANDS = {
+    mark: re.compile(rf"\s*[+-]?\d{{1,3}}(?:[{gap}]\d{{3}})+(?:[{mark}]\d*)?\s*")
+    for mark, gap in ((".", ", '"), (",", ". '"))
+}
+"""Numbers whose thousands are marked, as `1,234.5` and `1.234,5`, by the decimal mark."""
+_COMMENT_AT_END = re.compile(r"(?<=\S)\s+(?:#|//).*$")
+_BLANK_CELL = re.compile(r'"([^"]*)"|(\S+)')
+_SIGNS = str.maketrans(
+    {"\u2212": "-", "\u2010": "-", "\u2011": "-", "\u00a0": " ", "\u202f": " ", "\u2009": " ", "\ufeff": ""}
+)
+"""Signs of spreadsheets and their ASCII: minus signs, blanks that do not break lines, marks in joined files."""
+_CALIBRATION_WORDS = {"raw", "cal", "uncal", "calibrated", "uncalibrated"}
+"""Cells of a row below the names that tells raw numbers and calibrated ones apart, as Shimmer's."""
 _MOST_PREAMBLE = 50_000
 """Lines within which the numbers begin."""
 _BUFFER, _SAMPLE = 2000, 50
@@ -87,20 +100,23 @@ def read_table_head(lines: Iterator[str], wanted: Iterable[str] = ()) -> TableHe
     Raises:
         csv.Error: The text is no table.
     """
+    lines = (line if line.isascii() else line.translate(_SIGNS) for line in lines)
     buffer, shape = _read_until_numbers(lines)
     if (at := next((k for k, line in enumerate(buffer) if _REALSENSE.match(line)), None)) is not None:
         return _head_of_realsense(buffer, at, lines)
-    begin = next((k for k, line in enumerate(buffer) if _is_row(line, shape)), len(buffer))
+    begin = _find_begin(buffer, shape, set(wanted))
     above = [(k, line) for k, line in enumerate(buffer[:begin]) if line.strip()]
     names_at, names = _find_names(above, shape, set(wanted))
     if names_at is None and begin == len(buffer) and above:  # no numbers at all: the last line may be the names
         names_at, names = above[0][0], _split_names(above[0][1], shape)
     between = [(k, line) for k, line in above if names_at is not None and k > names_at]
     units_at, units = _find_units(between, shape, len(names))
+    kinds_at, names = _add_kinds(between, names, shape)
     if units_at is None:  # or just above the names
         units_at, units = _find_units([(k, x) for k, x in above if k < (names_at or 0)][-1:], shape, len(names))
     sensors_at, sensors, names = _find_sensors([(k, x) for k, x in above if k < (names_at or 0)], names, shape)
-    used = {names_at, units_at, sensors_at}
+    index_at, names = _name_index(between, names, shape)
+    used = {names_at, units_at, sensors_at, kinds_at, index_at}
     body = chain(buffer[begin:], lines)
     rows = _split_rows(body, shape.separator)
     sample = tuple(map(tuple, islice(_split_rows(iter(buffer[begin : begin + 4 * _SAMPLE]), shape.separator), _SAMPLE)))
@@ -114,13 +130,56 @@ def read_table_head(lines: Iterator[str], wanted: Iterable[str] = ()) -> TableHe
         decimal=shape.decimal,
         sample=sample,
         rows=rows,
-        skipped=tuple(x for k, x in between if k != units_at and not _is_comment(x, shape.separator)),
+        skipped=tuple(x for k, x in between if k not in used and not _is_comment(x, shape.separator)),
     )
 
 
+def _find_begin(buffer: Sequence[str], shape: _Shape, wanted: set[str]) -> int:
+    """Place of the first row of numbers; of the first one below the names if numbers such as a matrix stand above them.
+
+    Args:
+        buffer: Lines until the numbers.
+        shape: Shape of the rows of numbers.
+        wanted: Names that the user gives.
+    """
+    begin = next((k for k, line in enumerate(buffer) if _is_row(line, shape)), len(buffer))
+    above = [(k, line) for k, line in enumerate(buffer[:begin]) if line.strip()]
+    if _find_names(above, shape, wanted)[0] is not None:
+        return begin
+    below = [(k, x) for k, x in enumerate(buffer[begin : begin + _HEADER_REACH], begin) if x.strip()]
+    named_at, names = _find_names([(k, x) for k, x in below if not _is_row(x, shape)], shape, wanted)
+    if named_at is None or _score_names(names, wanted) < _FEW_CELLS:
+        return begin
+    return next((k for k in range(named_at, len(buffer)) if _is_row(buffer[k], shape)), begin)
+
+
 def is_number(cell: str) -> bool:
-    """Whether a cell is a number, with a decimal point or comma."""
+    """Whether a cell is a number, with a decimal point or comma, and perhaps marks between its thousands."""
+    return is_plain_number(cell) or any(pattern.fullmatch(cell) for pattern in _THOUSANDS.values())
+
+
+def is_plain_number(cell: str) -> bool:
+    """Whether a cell is a number without marks between its thousands."""
     return bool(_NUMBER.fullmatch(cell) or _COMMA_NUMBER.fullmatch(cell))
+
+
+def parse_number(cell: str, decimal: str) -> float:
+    """The number in a cell.
+
+    Args:
+        cell: Its text.
+        decimal: Decimal mark in place of the point; "" for the point.
+
+    Raises:
+        ValueError: The text is no number.
+    """
+    try:
+        return float(cell.replace(",", ".") if decimal else cell)
+    except ValueError:
+        if not _THOUSANDS[decimal or "."].fullmatch(cell):
+            raise
+    digits = re.sub(r"[.\s']" if decimal else r"[,\s']", "", cell)
+    return float(digits.replace(",", "."))
 
 
 def no_names_error(path: Path, head: TableHead, option: str, example: str) -> ConfigError:
@@ -171,8 +230,7 @@ def _find_shape(lines: Sequence[str], separator: str) -> _Shape:
         numbers = Counter(sum(map(is_number, row)) for row in rows).most_common(1)[0][0]
         cells = Counter(map(len, rows)).most_common(1)[0][0]
         if numbers > best.numbers:
-            commas = any(_COMMA_NUMBER.fullmatch(cell) for row in rows for cell in row)
-            best = _Shape(separator=candidate, decimal="," if commas else "", cells=cells, numbers=numbers)
+            best = _Shape(separator=candidate, decimal=_find_decimal(rows), cells=cells, numbers=numbers)
     if not best.numbers and not separator:  # no numbers: the separator that most lines have
         counts = {s: max((line.count(s) for line in lines), default=0) for s in _SEPARATORS[:-1]}
         separator = max(counts, key=lambda s: counts[s]) if any(counts.values()) else ","
@@ -180,15 +238,39 @@ def _find_shape(lines: Sequence[str], separator: str) -> _Shape:
     return best
 
 
+def _find_decimal(rows: Sequence[Sequence[str]]) -> str:
+    """Decimal mark in place of the point among cells of some rows; "" for the point."""
+    cells = [cell for row in rows for cell in row]
+    for mark, pattern in _THOUSANDS.items():  # with both marks in one number, the last one is the decimal mark
+        other = "," if mark == "." else "."
+        if any(mark in cell and other in cell and pattern.fullmatch(cell) for cell in cells):
+            return "" if mark == "." else mark
+    return "," if any(map(_COMMA_NUMBER.fullmatch, cells)) else ""
+
+
 def _split(line: str, separator: str) -> list[str]:
     """Cells of a line; quotes may surround them."""
-    return line.split() if separator == _SPACES else next(csv.reader([line], delimiter=separator), [])
+    return _split_blanks(line) if separator == _SPACES else next(csv.reader([line], delimiter=separator), [])
+
+
+def _split_blanks(line: str) -> list[str]:
+    """Cells that blanks separate; those in quotes may have blanks."""
+    if '"' not in line:
+        return line.split()
+    return [matched[1] if matched[2] is None else matched[2] for matched in _BLANK_CELL.finditer(line)]
 
 
 def _split_rows(lines: Iterator[str], separator: str) -> Iterator[list[str]]:
     """Cells of the lines that are no comments."""
-    kept = (line for line in lines if not _is_comment(line, separator))
-    return (line.split() for line in kept) if separator == _SPACES else csv.reader(kept, delimiter=separator)
+    kept = (_clean_row(line) for line in lines if not _is_comment(line, separator))
+    return map(_split_blanks, kept) if separator == _SPACES else csv.reader(kept, delimiter=separator)
+
+
+def _clean_row(line: str) -> str:
+    """A row without a comment at its end, and without quotes if one has no partner, as it would take other lines."""
+    if "#" in line or "//" in line:
+        line = _COMMENT_AT_END.sub("", line)
+    return line.replace('"', "") if line.count('"') % 2 else line
 
 
 def _is_comment(line: str, separator: str) -> bool:
@@ -273,6 +355,24 @@ def _find_units(between: Sequence[tuple[int, str]], shape: _Shape, count: int) -
         if _count_units(cells) >= 2 and 2 * sum(map(is_unit_like, filled)) >= len(filled):
             return place, [re.sub(r"^[\[(](.*)[\])]$", r"\1", cell) for cell in cells]
     return None, []
+
+
+def _add_kinds(between: Sequence[tuple[int, str]], names: list[str], shape: _Shape) -> tuple[int | None, list[str]]:
+    """The row below the names that tells raw and calibrated columns apart: its place, and the names with its words."""
+    for place, line in between:
+        cells = _split_names(line, shape)
+        if cells and len(cells) <= len(names) and {cell.lower() for cell in cells if cell} <= _CALIBRATION_WORDS:
+            return place, [f"{name} {kind}".strip() for name, kind in zip(names, _pad(cells, len(names)))]
+    return None, names
+
+
+def _name_index(between: Sequence[tuple[int, str]], names: list[str], shape: _Shape) -> tuple[int | None, list[str]]:
+    """The row below the names that has that of the first column alone, as of a pandas index: place, and the names."""
+    for place, line in between:
+        cells = [cell.strip() for cell in _split(line, shape.separator)]
+        if len(cells) >= len(names) > 1 and cells[0] and not any(cells[1:]):
+            return place, [cells[0], *names[1:]]
+    return None, names
 
 
 def _find_sensors(

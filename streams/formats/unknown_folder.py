@@ -6,6 +6,9 @@ import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+from stridetwin.streams.formats.imu_columns import NUMBERED, OPTION
+from stridetwin.streams.formats.imu_text import has_table_suffix
+
 _MOST_LISTED, _MOST_SEARCHED = 8, 200
 """Most entries of a folder that an error lists, and most folders inside it that are searched."""
 _RECORDING_SUFFIXES = (".bag", ".mcap", ".db3", ".vrs")
@@ -57,6 +60,8 @@ def describe_unknown(path: Path, find_layout: Callable[[Path], str | None]) -> s
     more = [f"and {len(names) - _MOST_LISTED} more"] if len(names) > _MOST_LISTED else []
     has = f"it has {', '.join([*names[:_MOST_LISTED], *more])}" if names else "it is empty"
     advice = next((text for wanted, text in _OTHER_LAYOUTS if _has_all(entries, wanted)), "")
+    if not advice and any(map(has_table_suffix, entries)):
+        advice = f"if they are tables of IMUs without names of columns: {OPTION} {NUMBERED}"
     return f"{has}; {advice}" if advice else has
 
 
