@@ -18,7 +18,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import cv2
-import lz4.frame
+import lz4.frame  # type: ignore[import-untyped]
 import numpy as np
 import zstandard
 from rosbags.rosbag1 import Reader as Ros1Reader

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
-
 from benchmarks import foreign_files
 from benchmarks.foreign_files import Walk
 from benchmarks.fuzz_mutators import MOST_BYTES, Members, read_members
@@ -28,8 +27,12 @@ from stridetwin.streams.recording.index import Notes
 ROOT = Path(__file__).resolve().parents[1]
 SPAN_NS = (0, 22_000_000_000)
 """First and last stamp of the recording of the seeds' trajectories, ns."""
+SIZE = (752, 480)
+"""Width and height of the images of the seeds' calibrations, px."""
 _ROWS = 60
-"""Most rows of a seed: more would only slow the readers down."""
+"""Most poses and samples of a seed: more would only slow the readers down."""
+_LINES = 700
+"""Most lines of a table, some of which have a line for each value."""
 _IMAGES = 4
 _LONGEST_WORD = 24
 """Longest word of the dictionary, characters."""
@@ -106,7 +109,7 @@ def open_calibration(source: Path, members: Members) -> list[str]:
     texts: list[str] = []
     file = folder / next(iter(members))
     try:
-        rig = read_rig(file, warn=texts.append, needs_rates=False)
+        rig = read_rig(file, warn=texts.append, sizes={SIZE}, needs_rates=False)
         texts += [*rig.imus, *rig.cameras]
         recording = open_any(_write_table(folder), True, ImportOptions(rig=file))
         texts += [*recording.warnings, *map(str, recording.problems)]
@@ -150,12 +153,12 @@ def _import_test_files(name: str) -> ModuleType:
 
 
 def _shorten(members: Members) -> Members:
-    """An input whose text files have at most `_ROWS` more rows than their head."""
+    """An input whose text files have at most `_LINES` lines."""
     short = {}
     for name, data in members.items():
         lines = data.split(b"\n")
         is_table = name.endswith((".csv", ".txt", ".tsv", ".sto")) and b"\0" not in data
-        short[name] = b"\n".join(lines[: _ROWS + 20]) if is_table and len(lines) < 3000 else data
+        short[name] = b"\n".join(lines[:_LINES]) if is_table else data
     return short
 
 
@@ -173,11 +176,15 @@ def _write_seeds(folder: Path, writers: dict[str, Callable[[Path], Path]]) -> It
 def list_tables(folder: Path) -> Iterator[tuple[str, Members]]:
     """Tables of many makers, and one whose columns are given."""
     foreign, loggers = _import_test_files("foreign_tables"), _import_test_files("logger_files")
-    writers = {**foreign.FOREIGN, **{name: write for name, (write, _) in loggers.ONE.items()}}
-    writers.pop("long preamble")
+    writers = {name: write for name, write in foreign.FOREIGN.items() if name != "long preamble"}
     writers |= {"gaitmap": loggers.gaitmap, "opensense": loggers.opensense}
     writers["npz"] = lambda place: foreign_files.write_npz_table(place, _short_walk())
     yield from _write_seeds(folder, writers)
+    for name, (write, request) in loggers.ONE.items():
+        for _, members in _write_seeds(folder, {name: write}):
+            columns = ",".join(f"{key}={column}" for key, column in request.columns.items())
+            options = {"--columns": columns, "--rate": f"{request.rate_hz or ''}"}
+            yield name, {**members, **{option: text.encode() for option, text in options.items() if text}}
     body = "\n".join(foreign.BODY[:_ROWS]).encode()
     yield "no header", {"a.csv": body, "--columns": foreign.MAPPING.encode(), "--rate": b"100"}
 
@@ -279,7 +286,7 @@ TARGETS = {
 
 def list_words() -> list[str]:
     """Words of the dictionary: the short strings in the sources of the readers, such as keys and names of columns."""
-    words = set()
+    words: set[str] = set()
     for file in sorted((ROOT / "streams").rglob("*.py")):
         for node in ast.walk(ast.parse(file.read_text())):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):

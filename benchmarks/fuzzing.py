@@ -82,7 +82,8 @@ def _fuzz_target(
     while figures["cpu_s"] < seconds:
         (folder / "state.json").unlink(missing_ok=True)
         rest_s = str(seconds - figures["cpu_s"])
-        arguments = [sys.executable, "-m", "benchmarks.fuzz_process", name, rest_s, folder, corpus, findings]
+        arguments = [sys.executable, "-m", "benchmarks.fuzz_process", name, rest_s]
+        arguments += [str(folder), str(corpus), str(findings)]
         environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
         with (folder / "log.txt").open("wb") as log:
             code = subprocess.run(arguments, stderr=log, stdout=log, env=environment, cwd=ROOT).returncode

@@ -15,7 +15,7 @@ from stridetwin.streams.formats.column_names import ColumnName, parse_column
 from stridetwin.streams.formats.imu_columns import OPTION, Columns, find_time
 from stridetwin.streams.formats.imu_stamps import parse_stamp, unwrap_days
 from stridetwin.streams.formats.imu_units import TIME, UNITS, unit_of
-from stridetwin.streams.formats.table_head import is_number
+from stridetwin.streams.formats.table_head import is_number, parse_number
 from stridetwin.streams.plausible import IMU_RATES_HZ
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.samples import Array
@@ -97,8 +97,7 @@ def tick_length(names: Sequence[str], sample: Sequence[Sequence[str]], rate_hz: 
     at = _find_name(names, TICKS)
     if at is None:
         return 0.0
-    counts = np.array([float(row[at]) for row in sample if at < len(row) and is_number(row[at])])
-    steps = np.diff(counts)[np.diff(counts) > 0]
+    steps = _list_rises([row[at] for row in sample if at < len(row) and is_number(row[at])])
     if not len(steps):
         return _TICK_UNITS_S[0]
     step = float(np.median(steps))
@@ -121,8 +120,7 @@ def has_nanoseconds(named: Sequence[ColumnName], sample: Sequence[Sequence[str]]
     known = unit_of(named[at].unit)
     if known is not None:
         return known[1] == "ns"
-    stamps = np.array([float(row[at]) for row in sample if at < len(row) and _INTEGER.fullmatch(row[at])])
-    rising = np.diff(stamps)[np.diff(stamps) > 0]
+    rising = _list_rises([row[at] for row in sample if at < len(row) and _INTEGER.fullmatch(row[at])])
     step = float(np.median(rising)) if len(rising) else math.inf
     return bool(IMU_RATES_HZ[0] < 1e9 / step < IMU_RATES_HZ[1])
 
@@ -231,6 +229,13 @@ def parse_stamps(path: Path, name: str, texts: Sequence[str]) -> Array:
         except ValueError:
             raise ConfigError(path, f"{name}, row {row + 1}", text, "a number, or a time as 12:34:56.789") from None
     return unwrap_days(t)
+
+
+def _list_rises(cells: Sequence[str]) -> Array:
+    """Steps (N,) from one number to the next, where it is larger; cells beyond the range of floats are left out."""
+    numbers = np.array([parse_number(cell) for cell in cells])
+    steps = np.diff(numbers[np.isfinite(numbers)])
+    return steps[steps > 0]
 
 
 def _find_name(names: Sequence[str], wanted: str) -> int | None:

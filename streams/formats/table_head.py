@@ -123,6 +123,11 @@ def is_number(cell: str) -> bool:
     return bool(_NUMBER.fullmatch(cell) or _COMMA_NUMBER.fullmatch(cell))
 
 
+def parse_number(cell: str) -> float:
+    """The number in a cell for which `is_number` holds; infinite beyond the range of floats."""
+    return float(cell.replace(",", "."))
+
+
 def no_names_error(path: Path, head: TableHead, option: str, example: str) -> ConfigError:
     """The error to raise about a table without names of columns; it says how to number them.
 
