@@ -68,7 +68,7 @@ def unpack(data: bytes) -> Members | None:
     head, _, body = data.partition(b"\n")
     try:
         sizes = json.loads(head)
-        names = [name for name in sizes if is_safe_name(name)]
+        names = [name for name in dict(sizes) if is_safe_name(name)]
         if not names or len(names) != len(sizes) or sum(sizes.values()) != len(body):
             return None
     except (ValueError, TypeError, RecursionError):

@@ -50,7 +50,7 @@ def main(name: str, seconds: str, folder: str, corpus: str, findings: str) -> No
 
     Args:
         name: The target.
-        seconds: CPU time, s.
+        seconds: CPU time after the seeds, s.
         folder: For the files of inputs, and for `state.json`.
         corpus: Folder of the corpus, which grows.
         findings: Folder to which findings are written.
@@ -89,7 +89,7 @@ class _Run:
         self._words = fuzz_targets.list_words()
         self._limits: Limits = fuzz_judge.Limits()
         self._state = State()
-        self._written_s = 0.0
+        self._start_s = self._written_s = 0.0
 
     def open_seeds(self, folder: Path) -> None:
         """Writes the seeds to a folder, opens each twice, and sets the limits by the second time."""
@@ -104,6 +104,7 @@ class _Run:
                 self._report(finding, members)
         self._limits = self._judge.measure_limits(costs)
         self._judge.limit_address_space()
+        self._start_s = time.process_time()
 
     def open_input(self, data: bytes) -> int:
         """Opens an input of libFuzzer; returns -1, which keeps it out of the corpus, for bytes that are none."""
@@ -161,7 +162,7 @@ class _Run:
     def _keep_state(self) -> None:
         """Writes the counts now and then, and ends the process when its CPU time is over."""
         cpu_s = time.process_time()
-        is_over = cpu_s > self._seconds
+        is_over = cpu_s > self._start_s + self._seconds
         if is_over or cpu_s > self._written_s + _STATE_EVERY_S:
             self._written_s = self._state.cpu_s = cpu_s
             (self._folder / "state.json").write_text(json.dumps(asdict(self._state)))

@@ -27,11 +27,10 @@ from benchmarks.fuzz_targets import ROOT, TARGETS
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
 ATHERIS = "3.0.0"
-"""The version that was used."""
+"""The version that was used; newer ones may have other options."""
 SECONDS = 720.0
-"""CPU time of each target by default, s: an hour for all five."""
+"""CPU time of each target after its seeds by default, s: an hour for all five."""
 _STATUS = re.compile(r"cov: (\d+) ft: (\d+) corp: (\d+)")
-_COUNTERS = re.compile(r"#\d+\s+INITED.*", re.MULTILINE)
 _MEMORY = Path("/dev/shm")
 """Folder in memory, where there is one: inputs are many small files."""
 
@@ -49,15 +48,14 @@ def fuzz_targets(arguments: Namespace) -> dict[str, Any]:
         return {"replay": _replay(arguments.replay)}
     if importlib.util.find_spec("atheris") is None:
         raise StrideTwinError(f"atheris is not installed; fuzzing needs it: pip install atheris=={ATHERIS}")
-    arguments.findings.mkdir(parents=True, exist_ok=True)
+    findings = arguments.findings.resolve()  # the processes run in another folder
+    findings.mkdir(parents=True, exist_ok=True)
     summary, places = {}, {}
     for name in arguments.only or TARGETS:
         with tempfile.TemporaryDirectory(dir=_MEMORY if _MEMORY.is_dir() else None) as folder:
-            corpus = Path(folder) / "corpus" if arguments.corpus is None else arguments.corpus / name
+            corpus = Path(folder) / "corpus" if arguments.corpus is None else arguments.corpus.resolve() / name
             corpus.mkdir(parents=True, exist_ok=True)
-            summary[name], places[name] = _fuzz_target(
-                name, arguments.seconds, Path(folder), corpus, arguments.findings
-            )
+            summary[name], places[name] = _fuzz_target(name, arguments.seconds, Path(folder), corpus, findings)
         print(f"{name:12s} {json.dumps(summary[name])}", file=sys.stderr, flush=True)
     return {"benchmark": "fuzzing", "summary": summary, "findings": places}
 
@@ -141,7 +139,9 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=SECONDS, help="CPU time of each target, s")
     parser.add_argument("--only", nargs="+", choices=list(TARGETS), help="targets to fuzz")
     parser.add_argument("--corpus", type=Path, help="folder of inputs, which a later run continues")
-    parser.add_argument("--findings", type=Path, default=Path("fuzz_findings"), help="folder for inputs with findings")
+    parser.add_argument(
+        "--findings", type=Path, default=Path("runs/fuzz_findings"), help="folder for inputs with findings"
+    )
     parser.add_argument("--replay", type=Path, help="open a saved input again in place of fuzzing")
     return answer(parser, fuzz_targets, _show)
 

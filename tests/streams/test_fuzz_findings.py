@@ -1,0 +1,77 @@
+"""Inputs at which the fuzzer found a traceback, a slow reader or a text of several lines; each stands for its kind."""
+
+import struct
+
+import numpy as np
+import pytest
+from foreign_tables import save
+from logger_files import DEG, FORCE, GYRO, N, T
+from scan_files import stray_scanner
+
+from stridetwin.scenarios.check import check_recording
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.formats.opening import open_any
+from stridetwin.streams.recording.mcap_writer import MAGIC
+
+
+def dot_table(folder, ticks):
+    """A table of an Xsens DOT with decimal commas and the given ticks."""
+    names = "SampleTimeFine;Acc_X;Acc_Y;Acc_Z;Gyr_X;Gyr_Y;Gyr_Z"
+    rows = [";".join([tick, *(f"{v:.6f}" for v in (*f, *w))]) for tick, f, w in zip(ticks, FORCE, GYRO / DEG)]
+    return save(folder / "a.csv", names, [row.replace(".", ",") for row in rows])
+
+
+def test_ticks_with_decimal_commas(tmp_path):
+    recording = open_any(dot_table(tmp_path, [f"{1e6 * t:.1f}" for t in T]))
+    imu = recording.block("/foot_l/imu")
+    assert len(imu) == N
+    np.testing.assert_allclose(np.diff(imu.t_ns), 10_000_000)
+
+
+@pytest.mark.parametrize("place", [0, 5])
+def test_a_tick_beyond_the_range_of_numbers_is_refused_in_one_line(tmp_path, place):
+    ticks = [f"{10_000 * k}" for k in range(N)]
+    ticks[place] = "9" * 400
+    with pytest.raises(StrideTwinError, match=r"a\.csv: SampleTimeFine, row \d+: invalid inf: expected a count"):
+        open_any(dot_table(tmp_path, ticks))
+
+
+def test_a_scan_of_depth_images_alone_is_checked(tmp_path):
+    check = check_recording(open_any(stray_scanner(tmp_path, video=False)))
+    assert any("depth images alone do not show how it turns" in finding.what for finding in check.findings)
+
+
+def read_texts(source, lenient=False):
+    """What a user reads about a source: its error, or its warnings and problems."""
+    try:
+        recording = open_any(source, lenient)
+        for _ in recording.samples():
+            pass
+    except StrideTwinError as error:
+        return [str(error)]
+    return [*recording.warnings, *map(str, recording.problems)]
+
+
+def write_mcap(file, *records):
+    """An MCAP file of records (opcode, body) between a header and the records of its end."""
+    ends = ((15, bytes(4)), (2, bytes(20))) if records[-1][0] != 15 else ((2, bytes(20)),)
+    parts = [struct.pack("<BQ", opcode, len(body)) + body for opcode, body in ((1, bytes(8)), *records, *ends)]
+    file.write_bytes(MAGIC + b"".join(parts) + MAGIC)
+    return file
+
+
+@pytest.mark.parametrize(
+    "record",
+    [
+        (6, struct.pack("<QQQII", 0, 0, 0, 0, 0) + b"\xff" * 8),  # a chunk with a length beyond the address space
+        (9, struct.pack("<QQI", 0, 0, 0) + bytes(4) + b"\xff" * 8),  # an attachment
+        (15, b""),  # an end of the data without its CRC
+        (15, bytes(9)),
+    ],
+    ids=["chunk", "attachment", "empty end", "long end"],
+)
+@pytest.mark.parametrize("lenient", [False, True])
+def test_lengths_of_mcap_records_that_cannot_be(tmp_path, record, lenient):
+    texts = read_texts(write_mcap(tmp_path / "a.mcap", record), lenient)
+    assert texts
+    assert not any("\n" in text for text in texts)
