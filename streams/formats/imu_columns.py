@@ -23,7 +23,7 @@ from stridetwin.streams.formats.column_names import (
 )
 from stridetwin.streams.formats.imu_stamps import is_stamp
 from stridetwin.streams.formats.imu_units import ACCEL, GYRO, TIME, UNITS, unit_of
-from stridetwin.streams.formats.table_head import is_number
+from stridetwin.streams.formats.table_head import is_count, is_number
 
 OPTION = "--columns"
 """Option of the command line that names the columns, and an example of its text, for errors."""
@@ -168,7 +168,7 @@ def _list_split_stamps(
             if unit_name != "s" or part is None or not sample:
                 continue
             cells = [(row[second], row[part]) for row in sample if max(second, part) < len(row)]
-            if all(a.strip().isdigit() and b.strip().isdigit() and int(b) * unit_s < 1.0 for a, b in cells):
+            if all(is_count(a) and is_count(b) and int(b) * unit_s < 1.0 for a, b in cells):
                 yield second, part, unit_s
 
 
@@ -254,7 +254,7 @@ def _find_column(header: Sequence[str], text: str, name: str) -> int | None:
     bare_header = [split_unit(cell)[0] for cell in header]
     candidates = ((names, wanted) for names in (list(header), bare_header) for wanted in (text, name))
     at = next((names.index(wanted) for names, wanted in candidates if wanted in names), None)
-    if at is None and name.isdecimal() and 1 <= int(name) <= len(header):
+    if at is None and is_count(name) and 1 <= int(name) <= len(header):
         at = int(name) - 1
     return at
 

@@ -36,6 +36,20 @@ def test_a_tick_beyond_the_range_of_numbers_is_refused_in_one_line(tmp_path, pla
         open_any(dot_table(tmp_path, ticks))
 
 
+@pytest.mark.parametrize("second", ["²", "9" * 5000, "-1"])
+def test_a_part_of_a_second_that_is_no_count(tmp_path, second):
+    body = [f"{k},{k},0.1,0.2,9.8,0,0,0" for k in range(N)]
+    body[7] = f"7,{second},0.1,0.2,9.8,0,0,0"
+    table = save(tmp_path / "a.csv", "stamp.sec,stamp.nanosec,ax,ay,az,gx,gy,gz", body)
+    assert not any("\n" in text for text in read_texts(table))
+
+
+def test_a_number_of_a_row_that_is_no_count(tmp_path):
+    body = [f"{k},{0.01 * k},0.1,0.2,9.8,0,0,0" for k in range(N)]
+    body[3] = "²" + body[3][1:]
+    assert len(read_texts(save(tmp_path / "a.csv", "t,ax,ay,az,gx,gy,gz", body))) == 1
+
+
 def test_a_scan_of_depth_images_alone_is_checked(tmp_path):
     check = check_recording(open_any(stray_scanner(tmp_path, video=False)))
     assert any("depth images alone do not show how it turns" in finding.what for finding in check.findings)
