@@ -185,6 +185,10 @@ def list_tables(folder: Path) -> Iterator[tuple[str, Members]]:
             columns = ",".join(f"{key}={column}" for key, column in request.columns.items())
             options = {"--columns": columns, "--rate": f"{request.rate_hz or ''}"}
             yield name, {**members, **{option: text.encode() for option, text in options.items() if text}}
+    parts = [f"{k // 60},{k % 60 * 16_000_000},0.1,0.2,9.8,{0.01 * (k % 7)},0,0\n" for k in range(2 * _ROWS)]
+    units = [f"{name}_{axis} ({unit})" for name, unit in (("accel", "m/s^2"), ("gyro", "rad/s")) for axis in "xyz"]
+    names = ",".join(["stamp.sec", "stamp.nanosec", *units]) + "\n"
+    yield "stamps in two columns", {"a.csv": "".join([names, *parts]).encode()}
     body = "\n".join(foreign.BODY[:_ROWS]).encode()
     yield "no header", {"a.csv": body, "--columns": foreign.MAPPING.encode(), "--rate": b"100"}
 
