@@ -178,12 +178,13 @@ def read_times(path: Path, columns: Columns, clock: Clock, cells: Array, count: 
     if clock.kind == "rows" or clock.at is None:
         return np.arange(count) / clock.rate_hz
     name = columns.names[clock.at]
+    if not np.isfinite(cells).all():
+        row = int(np.argmin(np.isfinite(cells)))
+        valid = "a finite number" if clock.kind == "stamps" else "a count"
+        raise ConfigError(path, f"{name}, row {row + 1}", float(cells[row]), valid)
     if clock.kind == "stamps":
         cells = _unwrap_stamps(path, name, cells, notes)
         return cells * _find_time_factor(path, columns, cells, notes)
-    if not np.isfinite(cells).all():
-        row = int(np.argmin(np.isfinite(cells)))
-        raise ConfigError(path, f"{name}, row {row + 1}", float(cells[row]), "a count")
     if clock.kind == "ticks":
         return _unwrap_counter(path, name, cells, _TICK_SIZE) * clock.tick_s
     return _count_times(path, name, cells, clock.rate_hz, notes)

@@ -375,7 +375,9 @@ class RecordingIndex:
         if block is not None and not topic.startswith("/truth/"):
             sound = block.finite
             if not sound.all():
-                self.notes.add_problem(Problem(topic, int(t[np.argmin(sound)]), "NaN or infinity", int((~sound).sum())))
+                self.notes.add_problem(
+                    Problem(topic, int(t[np.argmin(sound)]), block.describe_invalid(), int((~sound).sum()))
+                )
             keep = rising & sound
         kept = t[keep]
         if block is not None and block.kind is Imu:

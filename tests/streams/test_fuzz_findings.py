@@ -1,11 +1,14 @@
 """Inputs at which the fuzzer found a traceback, a slow reader or a text of several lines; each stands for its kind."""
 
+import re
 import struct
+import warnings
 
 import numpy as np
 import pytest
-from foreign_tables import save
-from logger_files import DEG, FORCE, GYRO, N, T
+from foreign_tables import rows, save
+from logger_files import DEG, FORCE, GYRO, N, T, opensense
+from robot_files import IMU_TYPE, still_imu, write_bag
 from scan_files import stray_scanner
 
 from stridetwin.scenarios.check import check_recording
@@ -19,8 +22,8 @@ UNITS = "ax (m/s^2),ay (m/s^2),az (m/s^2),gx (rad/s),gy (rad/s),gz (rad/s)"
 def dot_table(folder, ticks):
     """A table of an Xsens DOT with decimal commas and the given ticks."""
     names = "SampleTimeFine;Acc_X;Acc_Y;Acc_Z;Gyr_X;Gyr_Y;Gyr_Z"
-    rows = [";".join([tick, *(f"{v:.6f}" for v in (*f, *w))]) for tick, f, w in zip(ticks, FORCE, GYRO / DEG)]
-    return save(folder / "a.csv", names, [row.replace(".", ",") for row in rows])
+    body = [";".join([tick, *(f"{v:.6f}" for v in (*f, *w))]) for tick, f, w in zip(ticks, FORCE, GYRO / DEG)]
+    return save(folder / "a.csv", names, [row.replace(".", ",") for row in body])
 
 
 def test_ticks_with_decimal_commas(tmp_path):
@@ -50,6 +53,46 @@ def test_a_number_of_a_row_that_is_no_count(tmp_path):
     body = [f"{k},{0.01 * k},0.1,0.2,9.8,0,0,0" for k in range(N)]
     body[3] = "²" + body[3][1:]
     assert len(read_texts(save(tmp_path / "a.csv", f"t,{UNITS}", body))) == 1
+
+
+@pytest.mark.parametrize("cell", ["1e308", "-1e300", "9" * 400])
+@pytest.mark.parametrize("column", range(7))
+def test_a_number_beyond_all_sensors_is_refused(tmp_path, cell, column):
+    body = rows(T, FORCE, GYRO)
+    cells = body[30].split(",")
+    cells[column] = cell
+    body[30] = ",".join(cells)
+    table = save(tmp_path / "a.csv", f"t,{UNITS}", body)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        (text,) = read_texts(table)
+    assert re.search(r"a\.csv: \w+, row 3[12]: invalid \S+: expected", text)
+
+
+def test_stamps_beyond_the_range_of_numbers_are_refused(tmp_path):
+    body = [",".join(["9" * 400, *row.split(",")[1:]]) for row in rows(T, FORCE, GYRO)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        (text,) = read_texts(save(tmp_path / "a.csv", f"t,{UNITS}", body))
+    assert "a.csv: t, row 1: invalid inf: expected a finite number" in text
+
+
+def test_two_sensors_of_one_name(tmp_path):
+    for file in opensense(tmp_path).iterdir():
+        file.write_text(file.read_text().replace("calcn_r_imu", "calcn_l_imu"))
+    (text,) = read_texts(tmp_path)
+    assert text.endswith("names of the sensors: invalid 'time calcn_l_imu calcn_l_imu': expected another name for each")
+
+
+def test_numbers_of_a_bag_beyond_all_sensors_are_a_problem(tmp_path):
+    messages = still_imu()
+    messages[20][1].linear_acceleration.x = 1e300
+    bag = write_bag(tmp_path / "bag", {"/foot_l/imu": (IMU_TYPE, messages)})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        (text, *_) = read_texts(bag)
+        assert "/foot_l/imu at 1700000000.200000 s: a number beyond 1e+12" in text
+        assert len(open_any(bag, lenient=True).block("/foot_l/imu")) == len(messages) - 1
 
 
 def test_a_scan_of_depth_images_alone_is_checked(tmp_path):
