@@ -81,7 +81,9 @@ def test_two_sensors_of_one_name(tmp_path):
     for file in opensense(tmp_path).iterdir():
         file.write_text(file.read_text().replace("calcn_r_imu", "calcn_l_imu"))
     (text,) = read_texts(tmp_path)
-    assert text.endswith("names of the sensors: invalid 'time calcn_l_imu calcn_l_imu': expected another name for each")
+    assert text.endswith(
+        "names of the sensors: invalid 'time calcn_l_imu calcn_l_imu': expected another name for each sensor"
+    )
 
 
 def test_numbers_of_a_bag_beyond_all_sensors_are_a_problem(tmp_path):
