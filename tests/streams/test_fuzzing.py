@@ -14,7 +14,7 @@ from benchmarks.fuzz_targets import TARGETS, Target, list_words
 from benchmarks.fuzzing import fuzz_targets
 from stridetwin.streams.errors import StrideTwinError
 
-INPUTS = 20
+INPUTS = 12
 """Changed inputs of each kind that a test opens."""
 
 
