@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -14,8 +15,29 @@ _MOST_LINES = 30
 """Most errors of one file in a message."""
 
 
+_MARKS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
+"""Characters that break a line, that a terminal obeys, or that cannot be printed; a line feed is another matter."""
+
+
+def escape_marks(text: str) -> str:
+    """The text with characters that a terminal obeys or cannot print as escapes of their numbers.
+
+    Line feeds stay, as a message may have a line for each error.
+    """
+    return _MARKS.sub(lambda mark: ascii(mark.group())[1:-1], text)
+
+
+def to_line(text: str) -> str:
+    """The text on one line: as `escape_marks` gives it, with line feeds as escapes, too."""
+    return escape_marks(text).replace("\n", "\\n")
+
+
 class StrideTwinError(Exception):
     """Root of every error that a user can cause; the command line prints it as one line and exits with 2."""
+
+    def __init__(self, *args: object) -> None:
+        """Takes the message, whose parts may come from a file: marks in it are escaped."""
+        super().__init__(*(escape_marks(arg) if isinstance(arg, str) else arg for arg in args))
 
 
 @contextmanager
@@ -111,7 +133,7 @@ class ConfigError(StrideTwinError):
         """Builds the message `SOURCE: FIELD: invalid VALUE: expected VALID`."""
         self.source, self.field, self.value, self.valid = str(source), field, value, valid
         where = f"{source}: {field}" if field else str(source)
-        super().__init__(f"{where}: {self.problem}")
+        super().__init__(to_line(f"{where}: {self.problem}"))
 
     @property
     def problem(self) -> str:

@@ -33,6 +33,8 @@ _COUNTER = re.compile(
     r"(?:pkt|packet|sample|frame|msg|message|seq|sequence)_?(?:counter|count|number|num|no|nr|id|index|idx)"
     r"|(?:\w+_)?packet_?counter|counter|count|seq|sequence|(?:field_)?header_seq|sample|frame|packet|pkt"
 )
+_LONGEST_RATE = 300
+"""Characters of a line above the numbers in which a rate is looked for; the patterns take the square of its length."""
 _INTEGER = re.compile(r"\s*\d+\s*")
 _FEWEST_REGULAR, _FEWEST_OF_ONE_STEP = 0.98, 0.5
 """Share of the steps of a counter that are multiples of the usual one, and of those that equal it."""
@@ -73,7 +75,7 @@ class Clock:
 
 def preamble_rate(preamble: Sequence[str]) -> float:
     """Rate in Hz that a line above the numbers gives; 0 without one."""
-    for line in preamble:
+    for line in (line[:_LONGEST_RATE] for line in preamble):
         if (matched := _RATES[0].search(line)) is not None:
             return float(matched[1].replace(",", ".")) * (1000.0 if matched[2].lower() == "khz" else 1.0)
         if (matched := _RATES[1].search(line)) is not None:

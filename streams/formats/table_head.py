@@ -24,7 +24,7 @@ _SEPARATORS = ("\t", ";", ",", "|", _SPACES)
 _COMMENT = re.compile(r"\s*\"?(?:#|//|%|;)+\s*")
 _GIVEN_SEPARATOR = re.compile(r"\"?sep=(.)\"?\s*", re.IGNORECASE)
 """The first line by which spreadsheets are told the separator."""
-_NUMBER = re.compile(r"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?\s*", re.IGNORECASE)
+_NUMBER = re.compile(r"\s*[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[+-]?\d+)?\s*", re.IGNORECASE)
 _COMMA_NUMBER = re.compile(r"\s*[+-]?(?:\d+,\d*|,\d+)(?:e[+-]?\d+)?\s*", re.IGNORECASE)
 _COUNT = re.compile(r"\s*[0-9]{1,18}\s*")
 _MOST_PREAMBLE = 50_000

@@ -2,18 +2,22 @@
 
 import re
 import struct
+import time
 import warnings
 
 import numpy as np
 import pytest
 from foreign_tables import rows, save
 from logger_files import DEG, FORCE, GYRO, N, T, opensense
+from rigs import small_rig
 from robot_files import IMU_TYPE, still_imu, write_bag
 from scan_files import stray_scanner
 
 from stridetwin.scenarios.check import check_recording
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.opening import open_any
+from stridetwin.streams.kalibr import read_rig, rig_to_yaml
+from stridetwin.streams.recording.index import Problem
 from stridetwin.streams.recording.mcap_writer import MAGIC
 
 UNITS = "ax (m/s^2),ay (m/s^2),az (m/s^2),gx (rad/s),gy (rad/s),gz (rad/s)"
@@ -75,6 +79,48 @@ def test_stamps_beyond_the_range_of_numbers_are_refused(tmp_path):
         warnings.simplefilter("error")
         (text,) = read_texts(save(tmp_path / "a.csv", f"t,{UNITS}", body))
     assert "a.csv: t, row 1: invalid inf: expected a finite number" in text
+
+
+LONG = 16_000
+"""Characters of a line, near the most that a table may have."""
+
+
+@pytest.mark.parametrize("cell", ["9" * LONG + "x", "9." * (LONG // 2), "\t" * LONG, "(" * LONG, " (" * (LONG // 2)])
+@pytest.mark.parametrize("line", [0, 1, 4])
+def test_long_cells_take_no_longer_than_others(tmp_path, cell, line):
+    body = [f"t,{UNITS}", *rows(T, FORCE, GYRO)]
+    body[line] = cell + body[line]
+    start_s = time.process_time()
+    read_texts(save(tmp_path / "a.csv", "", body))
+    assert time.process_time() - start_s < 1.0
+
+
+@pytest.mark.parametrize("line", ["sampl" * (LONG // 5), "data rate " * (LONG // 10), "rate(" * (LONG // 5)])
+def test_long_lines_above_the_numbers_take_no_longer_than_others(tmp_path, line):
+    head = "\n".join([line] * 30)
+    start_s = time.process_time()
+    assert read_texts(save(tmp_path / "a.csv", f"{head}\nt,{UNITS}", rows(T, FORCE, GYRO)))
+    assert time.process_time() - start_s < 1.0
+
+
+def test_blank_lines_of_a_calibration_take_no_time(tmp_path):
+    (tmp_path / "rig.yaml").write_text("\n" * 500_000 + "cam0: 1\n")
+    start_s = time.process_time()
+    with pytest.raises(StrideTwinError):
+        read_rig(tmp_path / "rig.yaml")
+    assert time.process_time() - start_s < 2.0
+
+
+@pytest.mark.parametrize("mark", ["\x1b[2J", "\x85", "\u2028", "\r"])
+def test_marks_in_texts_of_a_file_are_escaped_in_messages(tmp_path, mark):
+    names = UNITS.replace("ay", f"a{mark}b")
+    texts = read_texts(save(tmp_path / "a.csv", f"t,{names}", rows(T, FORCE, GYRO)))
+    calibration = tmp_path / "rig.yaml"
+    calibration.write_text(rig_to_yaml(small_rig()) + f'"{ascii(mark + "a")[1:-1]}": 1\n')
+    read_rig(calibration, warn=texts.append)
+    texts += [str(error) for error in (StrideTwinError(mark), ConfigError("a", mark, mark, mark))]
+    assert len(texts) > 3
+    assert all(text.isprintable() for text in [*texts, str(Problem("/a", 0, mark))])
 
 
 def test_two_sensors_of_one_name(tmp_path):
