@@ -5,6 +5,7 @@ import struct
 import time
 import warnings
 
+import cv2
 import numpy as np
 import pytest
 from foreign_tables import rows, save
@@ -121,6 +122,21 @@ def test_marks_in_texts_of_a_file_are_escaped_in_messages(tmp_path, mark):
     texts += [str(error) for error in (StrideTwinError(mark), ConfigError("a", mark, mark, mark))]
     assert len(texts) > 3
     assert all(text.isprintable() for text in [*texts, str(Problem("/a", 0, mark))])
+
+
+@pytest.mark.parametrize(
+    ("color", "missing"),
+    [((0, 1, 999_999_998), (999_999_996, 2)), ((0, 1, 2), (999_999_996, 3)), ((5, 999_999_998), (999_999_997, 0))],
+)
+def test_numbers_of_frames_far_apart_take_no_time(tmp_path, color, missing):
+    for frame in (0, 1, 2, 999_999_998):
+        (tmp_path / f"frame-{frame:06d}.pose.txt").write_text("1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n")
+    for frame in color:
+        cv2.imwrite(str(tmp_path / f"frame-{frame:06d}.color.png"), np.zeros((2, 2), np.uint8))
+    start_s = time.process_time()
+    texts = read_texts(tmp_path, lenient=True)
+    assert time.process_time() - start_s < 1.0
+    assert f"color: {missing[0]} frames are missing, the first of them frame-{missing[1]:06d}" in texts
 
 
 def test_two_sensors_of_one_name(tmp_path):
