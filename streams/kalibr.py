@@ -184,7 +184,7 @@ def read_rig(
     for file in map(Path, paths):
         merged.merge(_read_sections(file, sizes))
     if merged.unused:
-        warn_on_one_line(f"{source}: keys that are not used: {', '.join(merged.unused)}")
+        warn_on_one_line(f"{source}: keys that are not used: {', '.join(dict.fromkeys(merged.unused))}")
     for note in merged.notes:
         warn_on_one_line(f"{source}: {note}")
     rig = _to_rig(merged, source, warn=warn_on_one_line, is_checked=True)

@@ -16,7 +16,7 @@ import numpy as np
 from mcap import records
 from mcap.opcode import Opcode
 
-from stridetwin.streams.errors import RecordingError, StrideTwinError, escape_marks, to_line
+from stridetwin.streams.errors import RecordingError, StrideTwinError, to_line, to_lines
 from stridetwin.streams.kalibr import rig_from_yaml
 from stridetwin.streams.recording.mcap_scan import (
     CutOffError,
@@ -89,7 +89,7 @@ class Problem:
         """The problem as one line: topic, time in s, description, and the number of samples if there are several."""
         more = f" ({self.count} samples)" if self.count > 1 else ""
         if not self.topic:  # a problem of the file as a whole
-            return escape_marks(f"{self.what}{more}")  # it may be an error of several lines
+            return to_lines(f"{self.what}{more}")  # it may be an error of several lines
         at = f" at {self.t_ns * 1e-9:.6f} s" if self.t_ns is not None else ""
         return to_line(f"{self.topic}{at}: {self.what}{more}")
 

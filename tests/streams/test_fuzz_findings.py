@@ -139,6 +139,17 @@ def test_numbers_of_frames_far_apart_take_no_time(tmp_path, color, missing):
     assert f"color: {missing[0]} frames are missing, the first of them frame-{missing[1]:06d}" in texts
 
 
+def test_long_texts_of_a_file_are_cut_in_the_middle_of_messages(tmp_path):
+    keys = "".join(f"an_unused_key_{i}: 1\n" for i in range(2000))
+    (tmp_path / "rig.yaml").write_text(rig_to_yaml(small_rig()) + keys)
+    texts: list[str] = []
+    read_rig(tmp_path / "rig.yaml", warn=texts.append)
+    texts.append(str(ConfigError("a.csv", "x" * 9000, 1, "a name")))
+    assert texts[0].endswith("an_unused_key_1999")
+    assert texts[-1].endswith("invalid 1: expected a name")
+    assert len(texts[-1]) < 3100 > len(texts[0])
+
+
 def test_two_sensors_of_one_name(tmp_path):
     for file in opensense(tmp_path).iterdir():
         file.write_text(file.read_text().replace("calcn_r_imu", "calcn_l_imu"))
