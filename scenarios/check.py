@@ -300,6 +300,10 @@ def _check_clocks(
             what = f"its clock and mount were not checked: its images show the board of {board.mount.body}, which moves"
             findings.append(Finding(topic=camera.topic, what=what, is_error=False))
             continue
+        if recording.topics[camera.topic].kind is not Image:
+            what = "its clock and mount were not checked: depth images alone do not show how it turns"
+            findings.append(Finding(topic=camera.topic, what=what, is_error=False))
+            continue
         clock = camera_clock(recording, camera, gyros[camera.imu_topic])
         if clock is None:
             what = f"its clock and mount could not be checked with its images and the gyroscope of {camera.imu_topic}"

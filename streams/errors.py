@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -14,8 +15,42 @@ _MOST_LINES = 30
 """Most errors of one file in a message."""
 
 
+_MARKS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
+"""Characters that break a line, that a terminal obeys, or that cannot be printed; a line feed is another matter."""
+
+
+_LONGEST_LINE, _KEPT_END = 3000, 800
+"""Most characters of a line of a message, and how many of its end are kept where it is longer: what is expected."""
+
+
+def to_lines(text: str) -> str:
+    """A message that may contain text of a file, as lines of a usual length that can be printed.
+
+    Characters that a terminal obeys or cannot print become escapes of their numbers, and the middle of long lines is
+    left out. Line feeds stay, as a message may have a line for each error.
+    """
+    readable = _MARKS.sub(lambda mark: ascii(mark.group())[1:-1], text)
+    return "\n".join(map(_shorten_line, readable.split("\n"))) if len(readable) > _LONGEST_LINE else readable
+
+
+def to_line(text: str) -> str:
+    """A message as `to_lines` gives it, on one line: line feeds become escapes, too."""
+    return to_lines(text.replace("\n", "\\n"))
+
+
+def _shorten_line(line: str) -> str:
+    """A line without its middle, if it is longer than `_LONGEST_LINE`."""
+    if len(line) <= _LONGEST_LINE:
+        return line
+    return f"{line[: _LONGEST_LINE - _KEPT_END]} ... {line[-_KEPT_END:]}"
+
+
 class StrideTwinError(Exception):
     """Root of every error that a user can cause; the command line prints it as one line and exits with 2."""
+
+    def __init__(self, *args: object) -> None:
+        """Takes the message, parts of which may come from a file."""
+        super().__init__(*(to_lines(arg) if isinstance(arg, str) else arg for arg in args))
 
 
 @contextmanager
@@ -111,7 +146,7 @@ class ConfigError(StrideTwinError):
         """Builds the message `SOURCE: FIELD: invalid VALUE: expected VALID`."""
         self.source, self.field, self.value, self.valid = str(source), field, value, valid
         where = f"{source}: {field}" if field else str(source)
-        super().__init__(f"{where}: {self.problem}")
+        super().__init__(to_line(f"{where}: {self.problem}"))
 
     @property
     def problem(self) -> str:

@@ -26,7 +26,7 @@ from pydantic import BaseModel
 from stridetwin.streams.bounded import LARGEST_SETTING, read_bytes
 from stridetwin.streams.calibration_limits import check_camera, check_imu, check_mount
 from stridetwin.streams.camera_matrix import convert_camera_matrix, is_camera_matrix
-from stridetwin.streams.errors import ConfigError, ConfigFileError, Missing, StrideTwinError
+from stridetwin.streams.errors import ConfigError, ConfigFileError, Missing, StrideTwinError, to_line
 from stridetwin.streams.files import atomic_file
 from stridetwin.streams.foreign_calibration import Converted, convert_calibration
 from stridetwin.streams.kalibr_keys import rename_keys
@@ -183,17 +183,22 @@ def read_rig(
         StrideTwinError: A file cannot be read, or a value in it is invalid or beyond what a person can wear; names
             file, key path and what is valid.
     """
-    warn = warn or _warn_user
+    receive = warn or _warn_user
+
+    def warn_on_one_line(text: str) -> None:
+        """Hands a warning on, with marks that come from a file as escapes."""
+        receive(to_line(text))
+
     paths = (path, *more)
     source = " + ".join(map(str, paths))
     merged = Converted()
     for file in map(Path, paths):
         merged.merge(_read_sections(file, sizes))
     if merged.unused:
-        warn(f"{source}: keys that are not used: {', '.join(merged.unused)}")
+        warn_on_one_line(f"{source}: keys that are not used: {', '.join(dict.fromkeys(merged.unused))}")
     for note in merged.notes:
-        warn(f"{source}: {note}")
-    rig = _to_rig(merged, source, warn=warn, is_checked=True)
+        warn_on_one_line(f"{source}: {note}")
+    rig = _to_rig(merged, source, warn=warn_on_one_line, is_checked=True)
     missing = next((f"imu{i}.update_rate" for i, imu in enumerate(rig.imus.values()) if not imu.rate_hz), None)
     if needs_rates and missing is not None:
         raise ConfigError(source, missing, Missing(), "the rate of the IMU in Hz")

@@ -22,13 +22,13 @@ _CHOICE = ("color", "rgb", "infrared1", "infrared", "left", "fisheye1", "depth")
 _IMUS = ("gyro", "imu", "motion", "accel")
 """Streams of which the first with a transform to the camera is the frame of the IMU."""
 _NAMES = {"infra1": "infrared1", "infra2": "infrared2", "ir1": "infrared1", "ir2": "infrared2", "colour": "color"}
-_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-_INTRINSIC = re.compile(r'^\s*Intrinsic of "([^"]+)"[^\n]*\n((?:\s+[A-Za-z]+[^:\n]*:[^\n]*\n?)+)', re.MULTILINE)
+_NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
+_INTRINSIC = re.compile(r'^[ \t]*Intrinsic of "([^"]+)"[^\n]*\n((?:\s+[A-Za-z]+[^:\n]*:[^\n]*\n?)+)', re.MULTILINE)
 _EXTRINSIC = re.compile(
     r'Extrinsic from "([^"]+)"\s+To\s+"([^"]+)"\s*:\s*Rotation Matrix:\s*'
     rf"((?:{_NUMBER}\s+){{9}})\s*Translation Vector:\s*({_NUMBER})\s+({_NUMBER})\s+({_NUMBER})"
 )
-_OTHER = re.compile(r'^\s*Motion Intrinsic of "([^"]+)"', re.MULTILINE)
+_OTHER = re.compile(r'^[ \t]*Motion Intrinsic of "([^"]+)"', re.MULTILINE)
 _SHORT = {"width": "w", "height": "h"}
 _LENS_KEYS = frozenset(
     ("width", "height", "w", "h", "ppx", "ppy", "cx", "cy", "fx", "fy")
@@ -60,7 +60,7 @@ class _Device:
 
 def is_realsense_text(text: str) -> bool:
     """Whether a text is the output of `rs-enumerate-devices -c`."""
-    return re.search(r'^\s*Intrinsic of "', text, re.MULTILINE) is not None
+    return re.search(r'^[ \t]*Intrinsic of "', text, re.MULTILINE) is not None
 
 
 def convert_realsense_text(text: str, source: str, sizes: Collection[tuple[int, int]]) -> Converted:

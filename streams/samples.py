@@ -247,6 +247,8 @@ class Footprint(Sample):
 
 S = TypeVar("S", bound=Sample)
 SampleT = TypeVar("SampleT", bound=Sample, covariant=True)
+LARGEST_NUMBER = 1e12
+"""Larger numbers are no measurements, in whatever unit; their squares and sums would overflow."""
 LATEST_NS = 2**31 * 1_000_000_000
 """Stamps are below this; those of the ROS messages that hold them end there."""
 
@@ -331,12 +333,19 @@ class Block(Generic[SampleT]):
 
     @property
     def finite(self) -> Mask:
-        """(N,) whether every number of a sample is finite."""
+        """(N,) whether every number of a sample is finite, and no larger than `LARGEST_NUMBER`."""
         keep = np.ones(len(self), bool)
         for values in self.columns.values():
             if values.dtype.kind == "f":  # integers and texts are always valid
-                keep &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
+                keep &= (np.abs(values) <= LARGEST_NUMBER).all(axis=tuple(range(1, values.ndim)))
         return keep
+
+    def describe_invalid(self) -> str:
+        """What is wrong with the samples that are not `finite`, for a message."""
+        floats = [values for values in self.columns.values() if values.dtype.kind == "f"]
+        if all(np.isfinite(values).all() for values in floats):
+            return f"a number beyond {LARGEST_NUMBER:g}"
+        return "NaN or infinity"
 
 
 def is_increasing(t_ns: Stamps, last: int = -1) -> Mask:

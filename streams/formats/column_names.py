@@ -109,7 +109,9 @@ def parse_column(cell: str, unit: str = "", *, with_linear: bool = False) -> Col
 
 
 def split_unit(cell: str) -> tuple[str, str]:
-    """Name and unit of a cell with a unit in brackets of any form; the unit is "" without one."""
+    """Name and unit of a cell with a unit in brackets of any form; the unit is "" without one, and in a long cell."""
+    if len(cell) > _LONGEST:  # the patterns take the square of its length
+        return cell.strip(), ""
     for pattern in (_LAST_BRACKETS, _OUTER_BRACKETS):
         matched = pattern.fullmatch(cell)
         if matched and unit_of(matched[2]) is not None:

@@ -15,7 +15,7 @@ from stridetwin.streams.formats.column_names import ColumnName, is_counter_name,
 from stridetwin.streams.formats.imu_columns import OPTION, Columns, find_time
 from stridetwin.streams.formats.imu_stamps import parse_stamp, unwrap_days
 from stridetwin.streams.formats.imu_units import TIME, UNITS, unit_of
-from stridetwin.streams.formats.table_head import is_number
+from stridetwin.streams.formats.table_head import is_plain_number
 from stridetwin.streams.plausible import IMU_RATES_HZ
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.samples import Array
@@ -44,6 +44,8 @@ _MINUTE_S, _FEWEST_STEPS = 60, 10
 """Seconds of a minute, which count on their own in tables of whole seconds; steps that are needed to know a clock."""
 _MOST_STEPS_AT_END = 50.0
 """Usual steps that may lie between the last stamp before a clock begins again and the first one after it."""
+_LONGEST_RATE = 300
+"""Characters of a line above the numbers in which a rate is looked for; the patterns take the square of its length."""
 _INTEGER = re.compile(r"\s*\d+\s*")
 _FEWEST_REGULAR, _FEWEST_OF_ONE_STEP = 0.98, 0.5
 """Share of the steps of a counter that are multiples of the usual one, and of those that equal it."""
@@ -90,7 +92,7 @@ class Clock:
 
 def preamble_rate(preamble: Sequence[str]) -> float:
     """Rate in Hz that a line above the numbers gives; 0 without one."""
-    for line in preamble:
+    for line in (line[:_LONGEST_RATE] for line in preamble):
         if (matched := _RATES[0].search(line) or _SHORT_RATE.match(line)) is not None:
             return float(matched[1].replace(",", ".")) * (1000.0 if matched[2].lower() == "khz" else 1.0)
         if (matched := _RATES[1].search(line)) is not None:
@@ -114,8 +116,7 @@ def tick_length(names: Sequence[str], sample: Sequence[Sequence[str]], rate_hz: 
     at = _find_name(names, TICKS)
     if at is None:
         return 0.0
-    counts = np.array([float(row[at]) for row in sample if at < len(row) and is_number(row[at])])
-    steps = np.diff(counts)[np.diff(counts) > 0]
+    steps = _list_rises([row[at] for row in sample if at < len(row) and is_plain_number(row[at])])
     if not len(steps):
         return _TICK_UNITS_S[0]
     step = float(np.median(steps))
@@ -138,8 +139,7 @@ def has_nanoseconds(named: Sequence[ColumnName], sample: Sequence[Sequence[str]]
     known = unit_of(named[at].unit)
     if known is not None:
         return known[1] == "ns"
-    stamps = np.array([float(row[at]) for row in sample if at < len(row) and _INTEGER.fullmatch(row[at])])
-    rising = np.diff(stamps)[np.diff(stamps) > 0]
+    rising = _list_rises([row[at] for row in sample if at < len(row) and _INTEGER.fullmatch(row[at])])
     step = float(np.median(rising)) if len(rising) else math.inf
     return bool(IMU_RATES_HZ[0] < 1e9 / step < IMU_RATES_HZ[1])
 
@@ -206,13 +206,14 @@ def read_times(path: Path, columns: Columns, clock: Clock, cells: Array, count: 
     if clock.kind == "rows" or clock.at is None:
         return np.arange(count) / clock.rate_hz
     name = columns.names[clock.at]
+    if not np.isfinite(cells).all():
+        row = int(np.argmin(np.isfinite(cells)))
+        valid = "a finite number" if clock.kind == "stamps" else "a count"
+        raise ConfigError(path, f"{name}, row {row + 1}", float(cells[row]), valid)
     if clock.kind == "stamps":
         cells = _unwrap_stamps(path, name, _split_clock_numbers(path, name, cells, notes), columns.of_minute, notes)
         factor = _find_time_factor(path, columns, cells, notes)
         return factor * (_count_days(cells) if factor == UNITS[TIME]["d"] else cells)
-    if not np.isfinite(cells).all():
-        row = int(np.argmin(np.isfinite(cells)))
-        raise ConfigError(path, f"{name}, row {row + 1}", float(cells[row]), "a count")
     if clock.kind == "ticks":
         return _unwrap_counter(path, name, cells, _TICK_SIZE) * clock.tick_s
     return _count_times(path, name, cells, clock.rate_hz, notes)
@@ -258,6 +259,13 @@ def parse_stamps(path: Path, name: str, texts: Sequence[str]) -> Array:
         except ValueError:
             raise ConfigError(path, f"{name}, row {row + 1}", text, "a number, or a time as 12:34:56.789") from None
     return unwrap_days(t)
+
+
+def _list_rises(cells: Sequence[str]) -> Array:
+    """Steps (N,) from one number to the next, where it is larger; cells beyond the range of floats are left out."""
+    numbers = np.array([float(cell.replace(",", ".")) for cell in cells])
+    steps = np.diff(numbers[np.isfinite(numbers)])
+    return steps[steps > 0]
 
 
 def _find_name(names: Sequence[str], wanted: str) -> int | None:

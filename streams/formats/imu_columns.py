@@ -25,7 +25,7 @@ from stridetwin.streams.formats.column_names import (
 )
 from stridetwin.streams.formats.imu_stamps import is_stamp
 from stridetwin.streams.formats.imu_units import ACCEL, COUNTS, GYRO, TIME, UNITS, factor_of, unit_of
-from stridetwin.streams.formats.table_head import is_number, is_plain_number
+from stridetwin.streams.formats.table_head import is_count, is_number, is_plain_number
 from stridetwin.streams.segments import side_of
 
 OPTION = "--columns"
@@ -202,7 +202,7 @@ def _list_split_stamps(
             if unit_name != "s" or part is None or not sample:
                 continue
             cells = [(row[second], row[part]) for row in sample if max(second, part) < len(row)]
-            if all(a.strip().isdigit() and b.strip().isdigit() and int(b) * unit_s < 1.0 for a, b in cells):
+            if all(is_count(a) and is_count(b) and int(b) * unit_s < 1.0 for a, b in cells):
                 yield second, part, unit_s
 
 
@@ -275,7 +275,7 @@ def _find_rising_column(named: Sequence[ColumnName], sample: Sequence[Sequence[s
             return at
     if not named or named[0].quantity or is_counter_name(named[0].name):
         return None
-    is_index = all(row[0].strip().isdigit() for row in sample if row)
+    is_index = all(is_count(row[0]) for row in sample if row)
     return 0 if not is_index and _holds_stamps(sample, 0) else None
 
 
@@ -413,7 +413,7 @@ def _find_column(header: Sequence[str], text: str, name: str) -> int | None:
     bare_header = [split_unit(cell)[0] for cell in header]
     candidates = ((names, wanted) for names in (list(header), bare_header) for wanted in (text, name))
     at = next((names.index(wanted) for names, wanted in candidates if wanted in names), None)
-    if at is None and name.isdecimal() and 1 <= int(name) <= len(header):
+    if at is None and is_count(name) and 1 <= int(name) <= len(header):
         at = int(name) - 1
     return at
 

@@ -5,6 +5,7 @@ The samples of an IMU are checked to be plausible, and short gaps are bridged (`
 
 from __future__ import annotations
 
+import sys
 import zipfile
 from collections.abc import Mapping
 from dataclasses import replace
@@ -23,10 +24,11 @@ from stridetwin.streams.formats.imu_folder import read_folder_parts
 from stridetwin.streams.formats.imu_text import SUFFIXES, TablePart, TableRequest, has_table_suffix, read_text_table
 from stridetwin.streams.formats.imu_units import ACCEL, GYRO
 from stridetwin.streams.formats.imu_unmeasured import leave_out_unmeasured
+from stridetwin.streams.formats.text_rows import VALID_NUMBER
 from stridetwin.streams.formats.tum import LATEST_S
 from stridetwin.streams.plausible import find_doubt, find_implausible_values
 from stridetwin.streams.recording.index import Notes
-from stridetwin.streams.samples import Array, Block, Imu, Stamps
+from stridetwin.streams.samples import LARGEST_NUMBER, Array, Block, Imu, Stamps
 
 MIN_ROWS = 20
 """Fewest rows of a table."""
@@ -203,17 +205,19 @@ def _check_packing(path: Path) -> None:
 
 
 def _check_numbers(part: TablePart) -> None:
-    """Rejects a table of fewer than `MIN_ROWS` rows, or with a number that is not finite beside others in its row."""
+    """Rejects a table of fewer than `MIN_ROWS` rows, or with an invalid number beside others in its row."""
     if len(part.t) < MIN_ROWS:
         raise ConfigError(part.file, "rows", len(part.t), f"at least {MIN_ROWS}")
     for name, values in (("t", part.t[:, None]), (part.quantity, part.values)):
         # rows without a measurement are left out elsewhere
         is_empty = np.asarray(np.isnan(values).all(axis=1) & (name != "t"), bool)
-        bad = np.argwhere(~np.isfinite(values) & ~is_empty[:, None])  # (K, 2) row and column of each
+        # times that are too large are refused with their unit in mind
+        most = sys.float_info.max if name == "t" else LARGEST_NUMBER
+        bad = np.argwhere(~(np.abs(values) <= most) & ~is_empty[:, None])  # (K, 2) row and column of each
         if len(bad):
             row, axis = bad[0]
             column = name if name == "t" else f"{name}_{AXES[axis]}"
-            raise ConfigError(part.file, f"{column}, row {row + 1}", float(values[row, axis]), "a finite number")
+            raise ConfigError(part.file, f"{column}, row {row + 1}", float(values[row, axis]), VALID_NUMBER)
 
 
 def _check_times(part: TablePart) -> None:

@@ -532,6 +532,8 @@ def _read_vectors(path: Path, text: Iterator[str], quantity: str) -> list[TableP
         valid = "Vec3, in files named ...linear_accelerations.sto and ...angular_velocity.sto"
         raise ConfigError(path, "DataType", kind, f"{valid}; orientations alone are no IMU")
     header = next(text, "").split()  # `time` and the names of the sensors
+    if len(set(header)) < len(header):
+        raise ConfigError(path, "names of the sensors", " ".join(header), "another name for each sensor")
     vectors: dict[str, list[list[float]]] = {name: [] for name in header[1:]}  # (x, y, z) of each row, by sensor
     t: list[float] = []
     for row, line in enumerate((line for line in text if line.strip()), 1):

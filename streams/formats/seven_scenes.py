@@ -85,9 +85,12 @@ def _warn_about_missing(frame_files: dict[str, dict[int, Path]], notes: Notes) -
     """Warns of numbers that are missing between the first and the last frame, for each kind of file."""
     frames = sorted({f for files in frame_files.values() for f in files})
     for what, files in frame_files.items():
-        missing = [f for f in range(frames[0], frames[-1] + 1) if f not in files] if files else []
-        if missing:
-            notes.warn(f"{what}: {len(missing)} frames are missing, the first of them frame-{missing[0]:06d}")
+        count = frames[-1] + 1 - frames[0] - len(files) if files else 0
+        if count:
+            numbers = sorted(files)
+            after = (k for k, number in enumerate(numbers, frames[0]) if number != k)  # where the numbering breaks off
+            first = next(after, frames[0] + len(numbers))
+            notes.warn(f"{what}: {count} frames are missing, the first of them frame-{first:06d}")
 
 
 def _to_stamp(frame: int) -> int:

@@ -24,7 +24,7 @@ _SEPARATORS = ("\t", ";", ",", "|", _SPACES)
 _COMMENT = re.compile(r"\s*\"?(?:#|//|%|;)+\s*")
 _GIVEN_SEPARATOR = re.compile(r"\"?sep=(.)\"?\s*", re.IGNORECASE)
 """The first line by which spreadsheets are told the separator."""
-_NUMBER = re.compile(r"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?\s*", re.IGNORECASE)
+_NUMBER = re.compile(r"\s*[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[+-]?\d+)?\s*", re.IGNORECASE)
 _COMMA_NUMBER = re.compile(r"\s*[+-]?(?:\d+,\d*|,\d+)(?:e[+-]?\d+)?\s*", re.IGNORECASE)
 _THOUSANDS = {
     mark: re.compile(rf"\s*[+-]?\d{{1,3}}(?:[{gap}]\d{{3}})+(?:[{mark}]\d*)?\s*")
@@ -39,6 +39,7 @@ _SIGNS = str.maketrans(
 """Signs of spreadsheets and their ASCII: minus signs, blanks that do not break lines, marks in joined files."""
 _CALIBRATION_WORDS = {"raw", "cal", "uncal", "calibrated", "uncalibrated"}
 """Cells of a row below the names that tells raw numbers and calibrated ones apart, as Shimmer's."""
+_COUNT = re.compile(r"\s*[0-9]{1,18}\s*")
 _MOST_PREAMBLE = 50_000
 """Lines within which the numbers begin."""
 _BUFFER, _SAMPLE = 2000, 50
@@ -180,6 +181,11 @@ def parse_number(cell: str, decimal: str) -> float:
             raise
     digits = re.sub(r"[.\s']" if decimal else r"[,\s']", "", cell)
     return float(digits.replace(",", "."))
+
+
+def is_count(cell: str) -> bool:
+    """Whether a cell is a whole number of at most 18 digits, which `int` takes: `str.isdigit` also holds for `²`."""
+    return _COUNT.fullmatch(cell) is not None
 
 
 def no_names_error(path: Path, head: TableHead, option: str, example: str) -> ConfigError:
@@ -426,7 +432,7 @@ def _align_names(names: list[str], sample: Sequence[Sequence[str]], shape: _Shap
     """The names, with an empty one first where the first column is the number of a row that has no name."""
     if len(names) == shape.cells - 1 and len(sample) > 1:
         first = [row[0].strip().strip('"') for row in sample if row]
-        if all(cell.isdigit() for cell in first) and {int(b) - int(a) for a, b in pairwise(first)} == {1}:
+        if all(map(is_count, first)) and {int(b) - int(a) for a, b in pairwise(first)} == {1}:
             return ["", *names]
     return names
 

@@ -13,12 +13,14 @@ import numpy as np
 from stridetwin.streams.bounded import read_lines
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.recording.index import Notes
-from stridetwin.streams.samples import Array, Stamps
+from stridetwin.streams.samples import LARGEST_NUMBER, Array, Stamps
 
 _HOMOGENEOUS = 4
 """Rows of a camera matrix with a row and column more, as ScanNet has it."""
 LONGEST_STAMP = 19
 """Most digits of a stamp in ns: those of 2⁶³."""
+VALID_NUMBER = f"a finite number up to {LARGEST_NUMBER:g}"
+"""What errors expect of a measurement."""
 
 
 class TextRow(NamedTuple):
@@ -97,7 +99,7 @@ def read_numbers(
         except (ValueError, IndexError):
             values = [math.nan]  # a cell is no number or is missing: an error below
         try:
-            if not all(map(math.isfinite, values)):
+            if not all(map(_is_valid, values)):
                 raise _invalid_number_error(path, row, columns)
             stamps.append(parse_row_stamp(path, row.line, cells[0], stamp))
             table.extend(values)
@@ -145,7 +147,7 @@ def read_matrix(path: Path, separator: str | None, size: int, valid: str = "") -
         matrix = np.array([[float(word) for word in row.cells] for row in rows])
     except ValueError:  # a word is no number, or the rows differ in length
         matrix = np.zeros(0)  # of the wrong shape: an error below
-    if matrix.shape != (size, size) or not np.isfinite(matrix).all():
+    if matrix.shape != (size, size) or not (np.abs(matrix) <= LARGEST_NUMBER).all():
         raise ConfigError(
             path, "matrix", [row.text for row in rows[:size]], valid or f"{size} rows of {size} finite numbers"
         )
@@ -187,13 +189,18 @@ def _invalid_number_error(path: Path, row: TextRow, columns: Sequence[tuple[str,
         columns: Name and index of each column that is read; one of them has such a cell.
     """
     cells = dict(enumerate(row.cells))  # by index, as a short row lacks some
-    name, at = next((name, at) for name, at in columns if not _is_finite(cells.get(at, "")))
-    return ConfigError(path, f"line {row.line}, {name}", cells.get(at), "a finite number")
+    name, at = next((name, at) for name, at in columns if not _is_valid_word(cells.get(at, "")))
+    return ConfigError(path, f"line {row.line}, {name}", cells.get(at), VALID_NUMBER)
 
 
-def _is_finite(word: str) -> bool:
-    """Whether a word is a finite number."""
+def _is_valid(value: float) -> bool:
+    """Whether a number is finite and no larger than any measurement."""
+    return abs(value) <= LARGEST_NUMBER  # False for NaN
+
+
+def _is_valid_word(word: str) -> bool:
+    """Whether a word is a valid number."""
     try:
-        return math.isfinite(float(word))
+        return _is_valid(float(word))
     except ValueError:
         return False

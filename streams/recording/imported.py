@@ -152,7 +152,7 @@ class ImportedContents:
         sound = block.finite
         if not sound.all():
             at = int(np.argmin(sound))  # the first one that is not finite
-            self._notes.add_problem(Problem(topic, int(block.t_ns[at]), "NaN or infinity", int((~sound).sum())))
+            self._notes.add_problem(Problem(topic, int(block.t_ns[at]), block.describe_invalid(), int((~sound).sum())))
         return block[rising & sound]
 
     def _drop_late_images(self, topic: str, images: ImageStream) -> ImageStream:

@@ -16,7 +16,7 @@ import numpy as np
 from mcap import records
 from mcap.opcode import Opcode
 
-from stridetwin.streams.errors import RecordingError, StrideTwinError
+from stridetwin.streams.errors import RecordingError, StrideTwinError, to_line, to_lines
 from stridetwin.streams.kalibr import rig_from_yaml
 from stridetwin.streams.recording.mcap_scan import (
     CutOffError,
@@ -89,9 +89,9 @@ class Problem:
         """The problem as one line: topic, time in s, description, and the number of samples if there are several."""
         more = f" ({self.count} samples)" if self.count > 1 else ""
         if not self.topic:  # a problem of the file as a whole
-            return f"{self.what}{more}"
+            return to_lines(f"{self.what}{more}")  # it may be an error of several lines
         at = f" at {self.t_ns * 1e-9:.6f} s" if self.t_ns is not None else ""
-        return f"{self.topic}{at}: {self.what}{more}"
+        return to_line(f"{self.topic}{at}: {self.what}{more}")
 
 
 class Notes:
@@ -126,7 +126,8 @@ class Notes:
         self.add_problem(Problem("", None, str(error)))
 
     def warn(self, text: str) -> None:
-        """Records an assumption, once."""
+        """Records an assumption, once; marks in it that come from a file are escaped."""
+        text = to_line(text)
         if text not in self.warnings:
             self.warnings.append(text)
 
@@ -375,7 +376,9 @@ class RecordingIndex:
         if block is not None and not topic.startswith("/truth/"):
             sound = block.finite
             if not sound.all():
-                self.notes.add_problem(Problem(topic, int(t[np.argmin(sound)]), "NaN or infinity", int((~sound).sum())))
+                self.notes.add_problem(
+                    Problem(topic, int(t[np.argmin(sound)]), block.describe_invalid(), int((~sound).sum()))
+                )
             keep = rising & sound
         kept = t[keep]
         if block is not None and block.kind is Imu:

@@ -173,7 +173,8 @@ def top_records(path: Path) -> Iterator[tuple[Opcode | int, int, bytes]]:
                 raise CutOffError(f"a record of {length} bytes at byte {offset}: expected up to {_LARGEST_RECORD}")
             body = file.read(length)
             if opcode == Opcode.DATA_END:
-                (stored,) = struct.unpack("<I", body)  # CRC of the data section; 0 means that there is none
+                # CRC of the data section; 0 means that there is none, and -1, for another size, is never correct
+                stored = struct.unpack("<I", body)[0] if len(body) == 4 else -1
                 problem = "CRC mismatch of the data section" if stored not in (0, crc) else ""
                 crc = 0  # of the summary, which begins after this record
             elif opcode == Opcode.FOOTER:
@@ -200,7 +201,7 @@ def parse_record(record: type[R], body: bytes) -> R:
     """
     try:
         return record.read(ReadDataStream(BytesIO(body)))  # type: ignore[attr-defined]
-    except (struct.error, EndOfFile, UnicodeDecodeError) as error:
+    except (struct.error, EndOfFile, UnicodeDecodeError, OverflowError) as error:  # overflow: a length of 64 bits
         raise DamagedError(f"a damaged {record.__name__} record") from error
 
 

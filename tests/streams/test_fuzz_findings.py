@@ -1,0 +1,211 @@
+"""Inputs at which the fuzzer found a traceback, a slow reader or a text of several lines; each stands for its kind."""
+
+import re
+import struct
+import time
+import warnings
+
+import cv2
+import numpy as np
+import pytest
+from foreign_tables import rows, save
+from logger_files import DEG, FORCE, GYRO, N, T, opensense
+from rigs import small_rig
+from robot_files import IMU_TYPE, still_imu, write_bag
+from scan_files import stray_scanner
+
+from stridetwin.scenarios.check import check_recording
+from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.formats.opening import open_any
+from stridetwin.streams.kalibr import read_rig, rig_to_yaml
+from stridetwin.streams.recording.index import Problem
+from stridetwin.streams.recording.mcap_writer import MAGIC
+
+UNITS = "ax (m/s^2),ay (m/s^2),az (m/s^2),gx (rad/s),gy (rad/s),gz (rad/s)"
+
+
+def dot_table(folder, ticks):
+    """A table of an Xsens DOT with decimal commas and the given ticks."""
+    names = "SampleTimeFine;Acc_X;Acc_Y;Acc_Z;Gyr_X;Gyr_Y;Gyr_Z"
+    body = [";".join([tick, *(f"{v:.6f}" for v in (*f, *w))]) for tick, f, w in zip(ticks, FORCE, GYRO / DEG)]
+    return save(folder / "a.csv", names, [row.replace(".", ",") for row in body])
+
+
+def test_ticks_with_decimal_commas(tmp_path):
+    recording = open_any(dot_table(tmp_path, [f"{1e6 * t:.1f}" for t in T]))
+    imu = recording.block("/foot_l/imu")
+    assert len(imu) == N
+    np.testing.assert_allclose(np.diff(imu.t_ns), 10_000_000)
+
+
+@pytest.mark.parametrize("place", [0, 5])
+def test_a_tick_beyond_the_range_of_numbers_is_refused_in_one_line(tmp_path, place):
+    ticks = [f"{10_000 * k}" for k in range(N)]
+    ticks[place] = "9" * 400
+    with pytest.raises(StrideTwinError, match=r"a\.csv: SampleTimeFine, row \d+: invalid inf: expected a count"):
+        open_any(dot_table(tmp_path, ticks))
+
+
+@pytest.mark.parametrize("second", ["²", "9" * 5000, "-1"])
+def test_a_part_of_a_second_that_is_no_count(tmp_path, second):
+    body = [f"{k // 60},{16_000_000 * (k % 60)},0.1,0.2,9.8,{0.01 * (k % 7)},0,0" for k in range(N)]
+    body[7] = f"0,{second},0.1,0.2,9.8,0,0,0"
+    table = save(tmp_path / "a.csv", f"stamp.sec,stamp.nanosec,{UNITS}", body)
+    assert not any("\n" in text for text in read_texts(table))
+
+
+def test_a_number_of_a_row_that_is_no_count(tmp_path):
+    body = [f"{k},{0.01 * k},0.1,0.2,9.8,0,0,0" for k in range(N)]
+    body[3] = "²" + body[3][1:]
+    assert len(read_texts(save(tmp_path / "a.csv", f"t,{UNITS}", body))) == 1
+
+
+@pytest.mark.parametrize("cell", ["1e308", "-1e300", "9" * 400])
+@pytest.mark.parametrize("column", range(7))
+def test_a_number_beyond_all_sensors_is_refused(tmp_path, cell, column):
+    body = rows(T, FORCE, GYRO)
+    cells = body[30].split(",")
+    cells[column] = cell
+    body[30] = ",".join(cells)
+    table = save(tmp_path / "a.csv", f"t,{UNITS}", body)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        (text,) = read_texts(table)
+    assert re.search(r"a\.csv: \w+, row 3[12]: invalid \S+: expected", text)
+
+
+def test_stamps_beyond_the_range_of_numbers_are_refused(tmp_path):
+    body = [",".join(["9" * 400, *row.split(",")[1:]]) for row in rows(T, FORCE, GYRO)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        (text,) = read_texts(save(tmp_path / "a.csv", f"t,{UNITS}", body))
+    assert "a.csv: t, row 1: invalid inf: expected a finite number" in text
+
+
+LONG = 16_000
+"""Characters of a line, near the most that a table may have."""
+
+
+@pytest.mark.parametrize("cell", ["9" * LONG + "x", "9." * (LONG // 2), "\t" * LONG, "(" * LONG, " (" * (LONG // 2)])
+@pytest.mark.parametrize("line", [0, 1, 4])
+def test_long_cells_take_no_longer_than_others(tmp_path, cell, line):
+    body = [f"t,{UNITS}", *rows(T, FORCE, GYRO)]
+    body[line] = cell + body[line]
+    start_s = time.process_time()
+    read_texts(save(tmp_path / "a.csv", "", body))
+    assert time.process_time() - start_s < 1.0
+
+
+@pytest.mark.parametrize("line", ["sampl" * (LONG // 5), "data rate " * (LONG // 10), "rate(" * (LONG // 5)])
+def test_long_lines_above_the_numbers_take_no_longer_than_others(tmp_path, line):
+    head = "\n".join([line] * 30)
+    start_s = time.process_time()
+    assert read_texts(save(tmp_path / "a.csv", f"{head}\nt,{UNITS}", rows(T, FORCE, GYRO)))
+    assert time.process_time() - start_s < 1.0
+
+
+def test_blank_lines_of_a_calibration_take_no_time(tmp_path):
+    (tmp_path / "rig.yaml").write_text("\n" * 500_000 + "cam0: 1\n")
+    start_s = time.process_time()
+    with pytest.raises(StrideTwinError):
+        read_rig(tmp_path / "rig.yaml")
+    assert time.process_time() - start_s < 2.0
+
+
+@pytest.mark.parametrize("mark", ["\x1b[2J", "\x85", "\u2028", "\r"])
+def test_marks_in_texts_of_a_file_are_escaped_in_messages(tmp_path, mark):
+    names = UNITS.replace("ay", f"a{mark}b")
+    texts = read_texts(save(tmp_path / "a.csv", f"t,{names}", rows(T, FORCE, GYRO)))
+    calibration = tmp_path / "rig.yaml"
+    calibration.write_text(rig_to_yaml(small_rig()) + f'"{ascii(mark + "a")[1:-1]}": 1\n')
+    read_rig(calibration, warn=texts.append)
+    texts += [str(error) for error in (StrideTwinError(mark), ConfigError("a", mark, mark, mark))]
+    assert len(texts) > 3
+    assert all(text.isprintable() for text in [*texts, str(Problem("/a", 0, mark))])
+
+
+@pytest.mark.parametrize(
+    ("color", "missing"),
+    [((0, 1, 999_999_998), (999_999_996, 2)), ((0, 1, 2), (999_999_996, 3)), ((5, 999_999_998), (999_999_997, 0))],
+)
+def test_numbers_of_frames_far_apart_take_no_time(tmp_path, color, missing):
+    for frame in (0, 1, 2, 999_999_998):
+        (tmp_path / f"frame-{frame:06d}.pose.txt").write_text("1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n")
+    for frame in color:
+        cv2.imwrite(str(tmp_path / f"frame-{frame:06d}.color.png"), np.zeros((2, 2), np.uint8))
+    start_s = time.process_time()
+    texts = read_texts(tmp_path, lenient=True)
+    assert time.process_time() - start_s < 1.0
+    assert f"color: {missing[0]} frames are missing, the first of them frame-{missing[1]:06d}" in texts
+
+
+def test_long_texts_of_a_file_are_cut_in_the_middle_of_messages(tmp_path):
+    keys = "".join(f"an_unused_key_{i}: 1\n" for i in range(2000))
+    (tmp_path / "rig.yaml").write_text(rig_to_yaml(small_rig()) + keys)
+    texts: list[str] = []
+    read_rig(tmp_path / "rig.yaml", warn=texts.append)
+    texts.append(str(ConfigError("a.csv", "x" * 9000, 1, "a name")))
+    assert texts[0].endswith("an_unused_key_1999")
+    assert texts[-1].endswith("invalid 1: expected a name")
+    assert len(texts[-1]) < 3100 > len(texts[0])
+
+
+def test_two_sensors_of_one_name(tmp_path):
+    for file in opensense(tmp_path).iterdir():
+        file.write_text(file.read_text().replace("calcn_r_imu", "calcn_l_imu"))
+    (text,) = read_texts(tmp_path)
+    assert text.endswith(
+        "names of the sensors: invalid 'time calcn_l_imu calcn_l_imu': expected another name for each sensor"
+    )
+
+
+def test_numbers_of_a_bag_beyond_all_sensors_are_a_problem(tmp_path):
+    messages = still_imu()
+    messages[20][1].linear_acceleration.x = 1e300
+    bag = write_bag(tmp_path / "bag", {"/foot_l/imu": (IMU_TYPE, messages)})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        (text, *_) = read_texts(bag)
+        assert "/foot_l/imu at 1700000000.200000 s: a number beyond 1e+12" in text
+        assert len(open_any(bag, lenient=True).block("/foot_l/imu")) == len(messages) - 1
+
+
+def test_a_scan_of_depth_images_alone_is_checked(tmp_path):
+    check = check_recording(open_any(stray_scanner(tmp_path, video=False)))
+    assert any("depth images alone do not show how it turns" in finding.what for finding in check.findings)
+
+
+def read_texts(source, lenient=False):
+    """What a user reads about a source: its error, or its warnings and problems."""
+    try:
+        recording = open_any(source, lenient)
+        for _ in recording.samples():
+            pass
+    except StrideTwinError as error:
+        return [str(error)]
+    return [*recording.warnings, *map(str, recording.problems)]
+
+
+def write_mcap(file, *records):
+    """An MCAP file of records (opcode, body) between a header and the records of its end."""
+    ends = ((15, bytes(4)), (2, bytes(20))) if records[-1][0] != 15 else ((2, bytes(20)),)
+    parts = [struct.pack("<BQ", opcode, len(body)) + body for opcode, body in ((1, bytes(8)), *records, *ends)]
+    file.write_bytes(MAGIC + b"".join(parts) + MAGIC)
+    return file
+
+
+@pytest.mark.parametrize(
+    "record",
+    [
+        (6, struct.pack("<QQQII", 0, 0, 0, 0, 0) + b"\xff" * 8),  # a chunk with a length beyond the address space
+        (9, struct.pack("<QQI", 0, 0, 0) + bytes(4) + b"\xff" * 8),  # an attachment
+        (15, b""),  # an end of the data without its CRC
+        (15, bytes(9)),
+    ],
+    ids=["chunk", "attachment", "empty end", "long end"],
+)
+@pytest.mark.parametrize("lenient", [False, True])
+def test_lengths_of_mcap_records_that_cannot_be(tmp_path, record, lenient):
+    texts = read_texts(write_mcap(tmp_path / "a.mcap", record), lenient)
+    assert texts
+    assert not any("\n" in text for text in texts)
