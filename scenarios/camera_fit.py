@@ -1,0 +1,236 @@
+"""Whether a camera and the IMU on its body agree: clock, mount, focal length and lever arm, by their motion.
+
+`check` looks at as many images as it needs; `estimate`, `import` and `score` at a few (`QUICK_SEGMENTS`).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.scenarios.camera_clock import CLOCK_OFFSET_S, CameraClock, GyroRates, angle_deg, estimate_clock
+from stridetwin.scenarios.camera_focal import FocalRatio, estimate_focal, estimate_focal_by_depth
+from stridetwin.scenarios.camera_lever import LeverArm, estimate_lever
+from stridetwin.scenarios.camera_motion import build_parts
+from stridetwin.scenarios.image_rotation import Rates, Tracks, estimate_rates, track_segment
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.rig import CameraCalibration
+from stridetwin.streams.samples import Array, Block, Imu
+
+IMAGES, BATCH, MOST_SEGMENTS = 45, 3, 12
+"""Images of a segment, segments that are read at a time, and most segments of one recording."""
+QUICK_SEGMENTS = 3
+"""Most segments of the quick look that precedes an estimate: one to three seconds of work."""
+_NEAR_AXES_DEG = 12.0
+"""A mount this close to one whose axes are exchanged counts as that."""
+_GOLDEN = 0.618034  # multiples of the golden ratio are spread evenly, however many there are
+_LARGEST_CORRECTION_S = 1.0
+"""Largest shift that a calibration file may have, s."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CameraFit:
+    """What the motion says about a camera and its IMU.
+
+    Attributes:
+        camera: Its calibration.
+        R_cam_imu: (3, 3) its calibrated rotation.
+        clock: Its clock and mount; None where the two rotations have no clear common peak.
+        focal: Its focal length; None where the rotation does not show it.
+        lever: Its lever arm; None without depth, or where clock, mount or focal length are wrong.
+        spans_s: First and last stamp of the images and of the IMU, s.
+    """
+
+    camera: CameraCalibration
+    R_cam_imu: Array
+    clock: CameraClock | None
+    focal: FocalRatio | None
+    lever: LeverArm | None
+    spans_s: tuple[tuple[float, float], tuple[float, float]]
+
+    @property
+    def overlaps(self) -> bool:
+        """Whether images and IMU share any time, with the calibrated shift."""
+        (first, last), (imu_first, imu_last) = self.spans_s
+        shift = self.camera.timeshift_cam_imu_s
+        return first + shift <= imu_last and last + shift >= imu_first
+
+    def list_faults(self) -> Iterator[str]:
+        """Yields a sentence for each error of the calibration or the stamps that the motion shows."""
+        if not self.overlaps:
+            yield self._describe_spans()
+        clock = self.clock
+        if clock is None:
+            return
+        if clock.mount_off_deg:
+            yield (
+                f"its mount differs by {clock.mount_off_deg:.0f}° from the calibration of it and {clock.imu}: "
+                f"only then do their rotation rates agree (correlation {clock.correlation:.2f}); "
+                f"{describe_turn(clock.turn, self.R_cam_imu)}"
+            )
+        if clock.is_off and self.overlaps:
+            yield self._describe_clock(clock)
+        if self.focal is not None and self.focal.is_off:
+            yield self._describe_focal(self.focal)
+        if self.lever is not None and self.lever.is_off:
+            calibrated = ", ".join(f"{value:.2f}" for value in self.lever.calibrated)
+            yield (
+                f"its place on {clock.imu} is ({calibrated}) m in the calibration, by their motion "
+                f"{self.lever.text}: expected the same within 0.1 m; "
+                "is the translation of T_cam_imu in another unit, or that of the inverse? --rig FILE corrects it"
+            )
+
+    def _describe_spans(self) -> str:
+        """The sentence about images and an IMU that share no time."""
+        (first, last), (imu_first, imu_last) = self.spans_s
+        text = (
+            f"its images are from {first:.3f} to {last:.3f} s, {self.camera.imu_topic} from {imu_first:.3f} to "
+            f"{imu_last:.3f} s: expected stamps of one clock"
+        )
+        if self.clock is None:
+            return text
+        return f"{text}; their rotation rates agree if {self.clock.shift_s:.3f} s are added to the stamps of the images"
+
+    @staticmethod
+    def _describe_clock(clock: CameraClock) -> str:
+        """The sentence about stamps that differ from those of the IMU."""
+        text = (
+            f"its clock differs by {clock.shift_s * 1e3:+.1f} ± {clock.half_s * 1e3:.1f} ms from that of {clock.imu}, "
+            f"in the calibration by {clock.calibrated_s * 1e3:+.1f} ms (t_imu = t_cam + shift)"
+        )
+        if abs(clock.shift_s) <= _LARGEST_CORRECTION_S:
+            return f"{text}; timeshift_cam_imu: {clock.shift_s:.4f} in --rig FILE corrects it"
+        return f"{text}; add {clock.shift_s:.3f} s to the stamps of its images"
+
+    def _describe_focal(self, focal: FocalRatio) -> str:
+        """The sentence about a focal length that does not fit the rotation."""
+        fu, fv, *_ = self.camera.intrinsics
+        text = (
+            f"its images turn by {focal.ratio:.2f} ± {focal.half:.2f} times what {self.camera.imu_topic} measures: "
+            f"expected 1.00 ± {0.05:.2f}; "
+        )
+        if focal.is_gyro_off:
+            return f"{text}probably the rates of {self.camera.imu_topic} are {1 / focal.roll:.2f} times too large"
+        fitting = f"{focal.ratio * fu:.0f}, {focal.ratio * fv:.0f} px"
+        return (
+            f"{text}focal lengths of about {fitting} would fit, where the calibration has {fu:.0f}, {fv:.0f}; "
+            "are the intrinsics of another resolution or camera? --rig FILE corrects them"
+        )
+
+
+def fit_camera(
+    recording: Recording, camera: CameraCalibration, imu: Block[Imu], most_segments: int = MOST_SEGMENTS
+) -> CameraFit:
+    """Compares a camera with the IMU on its body.
+
+    Segments of images are read in batches, those with the most varied rotation first, until the offset of the clocks
+    is certainly above or below `CLOCK_OFFSET_S`, and the focal length certainly right or wrong.
+
+    Args:
+        recording: Recording with the images.
+        camera: Calibration of the camera.
+        imu: All samples of the IMU.
+        most_segments: Most segments that are read.
+    """
+    T_imu_cam = np.linalg.inv(recording.rig.imu(camera.imu_topic).mount.T_body_sensor) @ camera.mount.T_body_sensor
+    # rates of the gyro in the axes of the camera as it is nominally mounted, (M, 3) rad/s
+    gyro = GyroRates(t_ns=imu.t_ns, rate=imu.columns["angular_rate"] @ T_imu_cam[:3, :3])
+    images = recording.image_times(camera.topic)
+    starts = _most_varied_segments(images + round(camera.timeshift_cam_imu_s * 1e9), gyro)[:most_segments]
+    clock, focal, lever = None, None, None
+    segments, rates = list[list[Tracks]](), list[Rates]()
+
+    def fit_focal(by: CameraClock) -> FocalRatio | None:
+        """The focal length by the segments that have been read."""
+        by_depth = estimate_focal_by_depth(camera, T_imu_cam, imu, gyro, segments, by) if camera.depth_topic else None
+        return by_depth if camera.depth_topic else estimate_focal(camera, gyro, segments, by)
+
+    for start in range(0, len(starts), BATCH):
+        for first_image in starts[start : start + BATCH]:
+            tracks = track_segment(recording, camera, first_image, IMAGES)
+            segment_rates = estimate_rates(camera, tracks)
+            if segment_rates is not None:
+                segments.append(tracks)
+                rates.append(segment_rates)
+        clock = estimate_clock(camera, gyro, rates)
+        if clock is None or abs(abs(clock.unexplained_s) - CLOCK_OFFSET_S) <= clock.half_s:
+            continue
+        focal = fit_focal(clock)
+        if focal is not None and focal.is_certain:
+            break
+    if clock is not None and focal is None:
+        focal = fit_focal(clock)
+    if clock is not None and not clock.mount_off_deg and not (focal is not None and focal.is_off):
+        parts = list(build_parts(camera, T_imu_cam, imu, segments, clock.shift_s))
+        depth_m = float(np.nanmedian(np.concatenate([r.depth for r in rates]))) if parts else 0.0
+        lever = estimate_lever(parts, T_imu_cam, depth_m)
+    spans = tuple((int(t[0]) * 1e-9, int(t[-1]) * 1e-9) for t in (images, imu.t_ns))
+    return CameraFit(
+        camera=camera,
+        R_cam_imu=T_imu_cam[:3, :3].T,
+        clock=clock,
+        focal=focal,
+        lever=lever,
+        spans_s=(spans[0], spans[1]),
+    )
+
+
+def describe_turn(turn: Array, R_cam_imu: Array) -> str:
+    """The likely mistake behind a wrong mount, and the rotation that fits.
+
+    Args:
+        turn: (3, 3) rotation that maps the camera's nominal axes to its true ones.
+        R_cam_imu: (3, 3) calibrated rotation.
+    """
+    fitting = turn @ R_cam_imu
+    axes, off_deg = _find_nearest_axes(turn)
+    if angle_deg(fitting @ R_cam_imu) < _NEAR_AXES_DEG and angle_deg(R_cam_imu @ R_cam_imu) > _NEAR_AXES_DEG:
+        cause = "T_cam_imu is inverted"
+    elif off_deg > _NEAR_AXES_DEG:
+        cause = "T_cam_imu is of another camera or mount"
+    elif (angle := round(angle_deg(axes))) in (90, 180) and (np.diag(axes) == 1).any():
+        cause = f"the camera is turned by {angle}° about its {'xyz'[int(np.argmax(np.diag(axes)))]} axis"
+    else:
+        names = [f"{'-' if row.sum() < 0 else ''}{'xyz'[int(np.argmax(np.abs(row)))]}" for row in axes]
+        cause = f"its axes x, y, z are {', '.join(names)} of the calibrated camera"
+    whole, whole_off_deg = _find_nearest_axes(fitting)
+    shown = whole.astype(int).tolist() if whole_off_deg < _NEAR_AXES_DEG else fitting.round(2).tolist()
+    return f"probably {cause}; the rotation of T_cam_imu that fits is {shown}, for --rig FILE"
+
+
+def _find_nearest_axes(R: Array) -> tuple[Array, float]:
+    """The rotation (3, 3) of exchanged axes, with entries 0, 1 and -1, nearest to R (3, 3), and their angle, deg."""
+    best, least = np.eye(3), math.inf
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1.0, -1.0), repeat=3):
+            axes = np.diag(signs) @ np.eye(3)[list(order)]
+            if np.linalg.det(axes) > 0 and (angle := angle_deg(R @ axes.T)) < least:
+                best, least = axes, angle
+    return best, least
+
+
+def _most_varied_segments(images: NDArray[np.int64], gyro: GyroRates) -> list[int]:
+    """Numbers of the first images of all segments, sorted by how much the rotation rate varies in them, most first.
+
+    The measure is the sum of the standard deviations of the three axes. Without any rate during the images, the
+    segments are spread over the recording.
+
+    Args:
+        images: (N,) stamps of the images by the clock of the gyro, ns.
+        gyro: Rates of the gyro.
+    """
+    # segments that a further image follows; the rest at the end is left out, unless it is the only one
+    starts = range(0, max(1, len(images) - IMAGES), IMAGES)
+    spread: list[float] = []
+    for start in starts:
+        first, last = images[start], images[min(start + IMAGES, len(images) - 1)]
+        segment_rate = gyro.rate[(gyro.t_ns >= first) & (gyro.t_ns <= last)]
+        spread.append(float(segment_rate.std(axis=0).sum()) if len(segment_rate) > 1 else 0.0)
+    if not any(spread):
+        return sorted(starts, key=lambda first: first / IMAGES * _GOLDEN % 1)
+    return [starts[int(i)] for i in np.argsort(spread, kind="stable")[::-1]]
