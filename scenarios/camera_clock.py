@@ -312,7 +312,7 @@ def _fit_window(
 
 
 def _find_least_residuals(measured: Array, visual: Array) -> Array:
-    """(N,) squared differences between rates of the gyro (S, N, 3) and the images (N, 3) at the best shift, (rad/s)²."""
+    """(N,) squared differences of rates of the gyro (S, N, 3) and the images (N, 3) at the best shift, (rad/s)²."""
     residual = measured - visual
     residual = residual - np.median(residual, axis=1, keepdims=True)  # without the gyro's bias
     squared = np.sum(residual**2, axis=2)

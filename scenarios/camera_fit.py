@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from stridetwin.scenarios.camera_clock import CLOCK_OFFSET_S, CameraClock, GyroRates, angle_deg, estimate_clock
 from stridetwin.scenarios.camera_focal import FocalRatio, estimate_focal, estimate_focal_by_depth
 from stridetwin.scenarios.camera_lever import LeverArm, estimate_lever
-from stridetwin.scenarios.camera_motion import build_parts
+from stridetwin.scenarios.camera_motion import build_parts, prepare_parts
 from stridetwin.scenarios.image_rotation import Rates, Tracks, estimate_rates, track_segment
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import CameraCalibration
@@ -166,9 +166,9 @@ def fit_camera(
     if clock is not None and focal is None:
         focal = fit_focal(clock)
     if clock is not None and not clock.mount_off_deg and not (focal is not None and focal.is_off):
-        parts = list(build_parts(camera, T_imu_cam, imu, segments, clock.shift_s))
+        parts = build_parts(camera, list(prepare_parts(T_imu_cam[:3, :3], imu, segments, clock.shift_s)))
         depth_m = float(np.nanmedian(np.concatenate([r.depth for r in rates]))) if parts else 0.0
-        lever = estimate_lever(parts, T_imu_cam, depth_m)
+        lever = estimate_lever(parts, T_imu_cam, depth_m, camera.readout_s)
     spans = tuple((int(t[0]) * 1e-9, int(t[-1]) * 1e-9) for t in (images, imu.t_ns))
     return CameraFit(
         camera=camera,

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from stridetwin.scenarios.camera_clock import CameraClock, GyroRates, split_blocks, student_quantile
 from stridetwin.scenarios.camera_lever import estimate_factor
-from stridetwin.scenarios.camera_motion import MotionPart, build_parts
+from stridetwin.scenarios.camera_motion import MotionPart, build_parts, prepare_parts
 from stridetwin.scenarios.image_rotation import Rates, Tracks, estimate_rates
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array, Block, Imu
@@ -97,14 +97,14 @@ def estimate_focal_by_depth(
     Returns:
         None if the motion shows too little of it.
     """
-    T_true = T_imu_cam.copy()
-    T_true[:3, :3] = T_imu_cam[:3, :3] @ clock.turn.T
+    R_imu_cam = T_imu_cam[:3, :3] @ clock.turn.T
+    parts = list(prepare_parts(R_imu_cam, imu, segments, clock.shift_s))
 
     def build(factor: float) -> list[MotionPart]:
         """Equations of the parts with a multiple of the focal length."""
-        return list(build_parts(scale_focal(camera, factor), T_true, imu, segments, clock.shift_s))
+        return build_parts(scale_focal(camera, factor), parts)
 
-    estimate = estimate_factor(build, T_imu_cam[:3, 3])
+    estimate = estimate_factor(build, T_imu_cam[:3, 3], camera.readout_s)
     if estimate is None:
         return None
     ratio, sd, count = estimate

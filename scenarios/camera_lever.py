@@ -7,19 +7,23 @@ An Introduction to the Bootstrap, 11.5).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from stridetwin.scenarios.camera_clock import student_quantile
-from stridetwin.scenarios.camera_motion import MotionPart, Quadratic
+from stridetwin.scenarios.camera_motion import ARM, READOUT, READOUT_UNIT_S, SCALE, UNKNOWNS, MotionPart, Quadratic
 from stridetwin.streams.samples import Array
 
 LEVER_OFF_M = 0.1
 """Error of the lever arm that a calibration may have, m: what the housing of one device spans."""
-FACTORS = np.geomspace(0.6, 1.7, 15)
-"""Multiples of the calibrated focal length that are compared."""
+_COARSE = np.geomspace(0.55, 1.82, 9)
+"""Multiples of the calibrated focal length that are compared first."""
+_FINE = np.array([0.95, 1.0, 1.05])
+"""Multiples of the best of these that are compared then."""
+_READOUT_SD_S, _CALIBRATED_READOUT_SD_S = 0.015, 0.002
+"""Readout of a camera of which none is calibrated: 0 to 30 ms; and error of a calibrated one."""
 _MIN_PARTS = 6
 _MODEL_SD_M = 0.02  # of an axis: depth noise that depends on the motion
 _DEPTH_SHARE = 0.02  # of the depth: along the line of sight, an error of the focal length looks like a lever arm
@@ -37,6 +41,7 @@ class LeverArm:
         covariance: (3, 3) m², of the latter.
         freedom: Degrees of freedom of its interval.
         depth_scale: Common factor of the depths, by the motion.
+        readout_s: Readout of the shutter, by the motion.
     """
 
     calibrated: Array
@@ -44,6 +49,7 @@ class LeverArm:
     covariance: Array
     freedom: int
     depth_scale: float
+    readout_s: float
 
     @property
     def half(self) -> Array:
@@ -70,13 +76,14 @@ class LeverArm:
         return f"({', '.join(cells)}) m"
 
 
-def estimate_lever(parts: Sequence[MotionPart], T_imu_cam: Array, depth_m: float) -> LeverArm | None:
+def estimate_lever(parts: Sequence[MotionPart], T_imu_cam: Array, depth_m: float, readout_s: float) -> LeverArm | None:
     """The lever arm of a camera with depth on its IMU.
 
     Args:
         parts: Equations with its calibrated lens.
         T_imu_cam: (4, 4) calibrated pose on the IMU, whose rotation has to be right.
         depth_m: Median depth of the features.
+        readout_s: Calibrated readout of the shutter, 0 if it is unknown.
 
     Returns:
         None with too few parts, or where the forces do not agree with the motion at all.
@@ -84,11 +91,11 @@ def estimate_lever(parts: Sequence[MotionPart], T_imu_cam: Array, depth_m: float
     if len(parts) < _MIN_PARTS:
         return None
     sums = _sum_without_outliers(parts)
-    total = _add_up(sums)
+    total = _add_up(sums) + _expect_readout(readout_s)
     solutions = np.array([total.solve(), *((total - one).solve() for one in sums)])
-    if not (solutions[:, 0] > 0).all():
+    if not (solutions[:, SCALE] > 0).all():
         return None
-    arms = solutions[:, 1:] / solutions[:, :1]
+    arms = solutions[:, ARM] / solutions[:, [SCALE]]
     axis = T_imu_cam[:3, 2]  # the line of sight
     spread = (len(sums) - 1) * np.cov(arms[1:].T, ddof=0)
     covariance = spread + _MODEL_SD_M**2 * np.eye(3) + (_DEPTH_SHARE * depth_m) ** 2 * np.outer(axis, axis)
@@ -97,12 +104,13 @@ def estimate_lever(parts: Sequence[MotionPart], T_imu_cam: Array, depth_m: float
         measured=arms[0],
         covariance=covariance,
         freedom=len(sums) - 1,
-        depth_scale=float(solutions[0, 0]),
+        depth_scale=float(solutions[0, SCALE]),
+        readout_s=float(solutions[0, READOUT]) * READOUT_UNIT_S,
     )
 
 
 def estimate_factor(
-    build: Callable[[float], Sequence[MotionPart]], calibrated: Array
+    build: Callable[[float], Sequence[MotionPart]], calibrated: Array, readout_s: float
 ) -> tuple[float, float, int] | None:
     """The multiple of the focal length with which the IMU explains the motion best.
 
@@ -111,44 +119,118 @@ def estimate_factor(
     Args:
         build: Gives the equations of the parts for a multiple of the calibrated focal length.
         calibrated: (3,) m, calibrated position of the camera in the IMU's axes.
+        readout_s: Calibrated readout of the shutter, 0 if it is unknown.
 
     Returns:
         The multiple, its standard deviation, and the number of parts; None with too few parts, or without a minimum.
     """
-    by_factor = [build(factor) for factor in FACTORS]
-    count = min(len(parts) for parts in by_factor)
-    if count < _MIN_PARTS or any(len(parts) != count for parts in by_factor):
+    likely = _expect_arm(calibrated) + _expect_readout(readout_s)
+    coarse = _compare_factors(build, _COARSE, likely)
+    start = None if coarse is None else _find_minimum(_COARSE, coarse.costs)
+    if start is None:
         return None
-    terms = np.column_stack((-calibrated, np.eye(3))) / LEVER_OFF_M  # the lever arm's own equations
-    likely = Quadratic(normal=terms.T @ terms, right=np.zeros(4), constant=0.0)
+    fine = _compare_factors(build, start * _FINE, likely)
+    if fine is None:
+        return None
+    count = len(fine.sums[0])
+    # the least cost without each of the parts
+    without = [
+        _find_minimum(start * _FINE, np.array([_find_least_cost(total - sums[part]) for total, sums in fine.pairs]))
+        for part in range(count)
+    ]
+    minimum = _find_minimum(start * _FINE, fine.costs)
+    known = [value for value in (minimum, *without) if value is not None]
+    if minimum is None or len(known) <= count:
+        return None
+    return minimum, minimum * math.sqrt((count - 1) * float(np.var(np.log(known[1:])))), count
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Comparison:
+    """Costs with F multiples of the focal length.
+
+    Attributes:
+        costs: (F,) least cost with each.
+        sums: Cost of each part as a function of the unknowns, by multiple.
+        totals: The sum of the parts' and of what is likely, by multiple.
+    """
+
+    costs: Array
+    sums: list[list[Quadratic]]
+    totals: list[Quadratic]
+
+    @property
+    def pairs(self) -> Iterable[tuple[Quadratic, list[Quadratic]]]:
+        """Total and parts by multiple."""
+        return zip(self.totals, self.sums)
+
+
+def _compare_factors(
+    build: Callable[[float], Sequence[MotionPart]], factors: Array, likely: Quadratic
+) -> _Comparison | None:
+    """Compares multiples (F,) of the focal length; pairs of images that do not fit even with the best one count little.
+
+    Args:
+        build: Gives the equations of the parts for a multiple.
+        factors: The multiples.
+        likely: Cost of what is known of the unknowns.
+
+    Returns:
+        None with too few parts, or where the features allow different pairs of images.
+    """
+    by_factor = [build(float(factor)) for factor in factors]
+    sizes = {tuple(len(part.misfit) for part in parts) for parts in by_factor}
+    if len(sizes) > 1 or len(by_factor[0]) < _MIN_PARTS:
+        return None
     weights = [np.ones(len(part.misfit)) for part in by_factor[0]]
-    best = len(FACTORS) // 2
     for _ in range(_ROUNDS):
         sums = [[part.sum_up(weight) for part, weight in zip(parts, weights)] for parts in by_factor]
         totals = [_add_up(of_factor) + likely for of_factor in sums]
-        costs = np.array([total.find_cost(total.solve()) for total in totals])
+        costs = np.array([_find_least_cost(total) for total in totals])
         best = int(np.argmin(costs))
-        solution = totals[best].solve()
-        weights = _weigh(by_factor[best], weights, solution)
-    minimum = _find_minimum(costs)
-    without = []
-    for part in range(count):
-        rest = [total - of_factor[part] for total, of_factor in zip(totals, sums)]
-        without.append(_find_minimum(np.array([total.find_cost(total.solve()) for total in rest])))
-    if minimum is None or any(value is None for value in without):
-        return None
-    logs = np.log(np.array(without, float))
-    return minimum, minimum * math.sqrt((count - 1) * float(np.var(logs))), count
+        weights = _weigh(by_factor[best], weights, totals[best].solve())
+    return _Comparison(costs=costs, sums=sums, totals=totals)
 
 
-def _find_minimum(costs: Array) -> float | None:
-    """Multiple of the focal length at the least of the costs (F,), by a parabola through it and its neighbours."""
+def _find_least_cost(total: Quadratic) -> float:
+    """The least cost over all unknowns."""
+    return total.find_cost(total.solve())
+
+
+def _expect_arm(calibrated: Array) -> Quadratic:
+    """The cost of a lever arm that differs from the calibrated one (3,), m, by more than a device spans."""
+    terms = np.zeros((3, UNKNOWNS))
+    terms[:, SCALE], terms[:, ARM] = -calibrated / LEVER_OFF_M, np.eye(3) / LEVER_OFF_M
+    return Quadratic(normal=terms.T @ terms, right=np.zeros(UNKNOWNS), constant=0.0)
+
+
+def _expect_readout(readout_s: float) -> Quadratic:
+    """The cost of a readout that differs from the calibrated one; 0 is an unknown one."""
+    sd = (_CALIBRATED_READOUT_SD_S if readout_s else _READOUT_SD_S) / READOUT_UNIT_S
+    normal, right = np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS)
+    normal[READOUT, READOUT], right[READOUT] = sd**-2, readout_s / READOUT_UNIT_S * sd**-2
+    return Quadratic(normal=normal, right=right, constant=(readout_s / READOUT_UNIT_S / sd) ** 2)
+
+
+def _find_minimum(factors: Array, costs: Array) -> float | None:
+    """Multiple of the focal length at the least of the costs (F,), by a parabola in its logarithm.
+
+    Args:
+        factors: (F,) multiples, a geometric sequence.
+        costs: (F,) their costs.
+
+    Returns:
+        None if the least cost is at the end of many multiples, or three costs do not curve upwards.
+    """
     best = int(np.argmin(costs))
-    if best in (0, len(costs) - 1):
+    if best in (0, len(costs) - 1) and len(costs) > 3:
         return None
+    best = min(max(best, 1), len(costs) - 2)
     before, here, after = costs[best - 1 : best + 2]
-    step = math.log(FACTORS[1] / FACTORS[0])
-    return float(FACTORS[best] * math.exp(0.5 * step * (before - after) / (before - 2 * here + after + 1e-30)))
+    if not before - 2 * here + after > 0:
+        return None
+    step = 0.5 * math.log(factors[best + 1] / factors[best - 1])
+    return float(factors[best] * math.exp(0.5 * step * (before - after) / (before - 2 * here + after)))
 
 
 def _sum_without_outliers(parts: Sequence[MotionPart]) -> list[Quadratic]:
