@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.scenarios.camera_clock import CLOCK_OFFSET_S, CameraClock, GyroRates, angle_deg, estimate_clock
-from stridetwin.scenarios.camera_focal import FocalRatio, estimate_focal, estimate_focal_by_depth
-from stridetwin.scenarios.camera_lever import LeverArm, estimate_lever
+from stridetwin.scenarios.camera_focal import FOCAL_OFF, FocalRatio, estimate_focal, estimate_focal_by_depth
+from stridetwin.scenarios.camera_lever import LEVER_OFF_M, LeverArm, estimate_lever
 from stridetwin.scenarios.camera_motion import build_parts, prepare_parts
 from stridetwin.scenarios.image_rotation import Rates, Tracks, estimate_rates, track_segment
 from stridetwin.streams.recording.reader import Recording
@@ -29,8 +29,23 @@ QUICK_SEGMENTS = 3
 _NEAR_AXES_DEG = 12.0
 """A mount this close to one whose axes are exchanged counts as that."""
 _GOLDEN = 0.618034  # multiples of the golden ratio are spread evenly, however many there are
+_SPOILING_OFFSET_S = 0.02
+"""Offset of the clocks beyond which an odometry does not find it by itself, s: four times what `dvio` assumes."""
 _LARGEST_CORRECTION_S = 1.0
 """Largest shift that a calibration file may have, s."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraFault:
+    """An error of a camera's calibration or stamps that the motion shows.
+
+    Attributes:
+        text: What was seen, what is expected, the likely cause and what mends it.
+        spoils: Whether it is more than an odometry mends by itself.
+    """
+
+    text: str
+    spoils: bool
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,30 +75,39 @@ class CameraFit:
         shift = self.camera.timeshift_cam_imu_s
         return first + shift <= imu_last and last + shift >= imu_first
 
-    def list_faults(self) -> Iterator[str]:
-        """Yields a sentence for each error of the calibration or the stamps that the motion shows."""
+    def list_faults(self) -> Iterator[CameraFault]:
+        """Yields each error of the calibration or the stamps that the motion shows."""
         if not self.overlaps:
-            yield self._describe_spans()
+            yield CameraFault(text=self._describe_spans(), spoils=True)
         clock = self.clock
         if clock is None:
             return
         if clock.mount_off_deg:
-            yield (
-                f"its mount differs by {clock.mount_off_deg:.0f}° from the calibration of it and {clock.imu}: "
-                f"only then do their rotation rates agree (correlation {clock.correlation:.2f}); "
-                f"{describe_turn(clock.turn, self.R_cam_imu)}"
-            )
+            yield CameraFault(text=self._describe_mount(clock), spoils=True)
         if clock.is_off and self.overlaps:
-            yield self._describe_clock(clock)
+            spoils = abs(clock.unexplained_s) - clock.half_s > _SPOILING_OFFSET_S
+            yield CameraFault(text=self._describe_clock(clock), spoils=spoils)
         if self.focal is not None and self.focal.is_off:
-            yield self._describe_focal(self.focal)
+            yield CameraFault(text=self._describe_focal(self.focal), spoils=True)
         if self.lever is not None and self.lever.is_off:
-            calibrated = ", ".join(f"{value:.2f}" for value in self.lever.calibrated)
-            yield (
-                f"its place on {clock.imu} is ({calibrated}) m in the calibration, by their motion "
-                f"{self.lever.text}: expected the same within 0.1 m; "
-                "is the translation of T_cam_imu in another unit, or that of the inverse? --rig FILE corrects it"
-            )
+            yield CameraFault(text=self._describe_lever(self.lever), spoils=False)
+
+    def _describe_mount(self, clock: CameraClock) -> str:
+        """The sentence about a wrong rotation on the IMU."""
+        return (
+            f"its mount differs by {clock.mount_off_deg:.0f}° from the calibration of it and {clock.imu}: "
+            f"only then do their rotation rates agree (correlation {clock.correlation:.2f}); "
+            f"{describe_turn(clock.turn, self.R_cam_imu)}"
+        )
+
+    def _describe_lever(self, lever: LeverArm) -> str:
+        """The sentence about a wrong place on the IMU."""
+        calibrated = ", ".join(f"{value:.2f}" for value in lever.calibrated)
+        return (
+            f"its place on {self.camera.imu_topic} is ({calibrated}) m in the calibration, by their motion "
+            f"{lever.text}: expected the same within {LEVER_OFF_M:g} m; "
+            "is the translation of T_cam_imu in another unit, or that of the inverse? --rig FILE corrects it"
+        )
 
     def _describe_spans(self) -> str:
         """The sentence about images and an IMU that share no time."""
@@ -112,7 +136,7 @@ class CameraFit:
         fu, fv, *_ = self.camera.intrinsics
         text = (
             f"its images turn by {focal.ratio:.2f} ± {focal.half:.2f} times what {self.camera.imu_topic} measures: "
-            f"expected 1.00 ± {0.05:.2f}; "
+            f"expected 1 ± {FOCAL_OFF:g}; "
         )
         if focal.is_gyro_off:
             return f"{text}probably the rates of {self.camera.imu_topic} are {1 / focal.roll:.2f} times too large"

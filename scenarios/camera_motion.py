@@ -282,20 +282,21 @@ def _solve_motion(
 def _integrate(t: Array, rate: Array, force: Array) -> tuple[Array, Array]:
     """Rotations (M, 3, 3) and positions (M, 3), m, of an IMU that starts at rest and without gravity.
 
+    A sample is the mean over the interval that ends at its stamp (docs/design.md, conventions).
+
     Args:
         t: (M,) s.
         rate: (M, 3) rad/s.
         force: (M, 3) m/s².
     """
     steps = np.diff(t)
-    turns = exp(0.5 * (rate[1:] + rate[:-1]) * steps[:, None])
-    rotation = np.empty((len(t), 3, 3))
+    halves = exp(0.5 * rate[1:] * steps[:, None])
+    rotation, middle = np.empty((len(t), 3, 3)), np.empty((len(steps), 3, 3))
     rotation[0] = np.eye(3)
     for i in range(len(steps)):
-        rotation[i + 1] = rotation[i] @ turns[i]
-    pushed = np.einsum("mij,mj->mi", rotation, force)
-    mean = 0.5 * (pushed[1:] + pushed[:-1]) * steps[:, None]
-    velocity = np.vstack((np.zeros(3), np.cumsum(mean, axis=0)))
+        middle[i] = rotation[i] @ halves[i]
+        rotation[i + 1] = middle[i] @ halves[i]
+    velocity = np.vstack((np.zeros(3), np.cumsum(np.einsum("mij,mj->mi", middle, force[1:]) * steps[:, None], axis=0)))
     moved = 0.5 * (velocity[1:] + velocity[:-1]) * steps[:, None]
     return rotation, np.vstack((np.zeros(3), np.cumsum(moved, axis=0)))
 

@@ -61,9 +61,11 @@ class CameraWalk:
     def imu(self):
         """Samples of the IMU."""
         t, rng, e = np.arange(round(SECONDS * HZ)) / HZ, np.random.default_rng(self.seed), 1e-4
-        (R, p), (_, p_before), (_, p_after) = (self.pose(t + d) for d in (0.0, -e, e))
-        rate = (self.pose(t - 1 / HZ)[0].inv() * R).as_rotvec() * HZ  # mean since the sample before
-        force = R.inv().apply((p_after - 2 * p + p_before) / e**2 + np.array([0, 0, 9.81]))
+        (R, _), (before, _), (middle, p) = (self.pose(t - d) for d in (0.0, 1 / HZ, 0.5 / HZ))
+        p_before, p_after = (self.pose(t - 0.5 / HZ + d)[1] for d in (-e, e))
+        # means over the interval that ends at a stamp
+        rate = (before.inv() * R).as_rotvec() * HZ
+        force = middle.inv().apply((p_after - 2 * p + p_before) / e**2 + np.array([0, 0, 9.81]))
         columns = {
             "angular_rate": rate + rng.normal(0.005, 0.003, rate.shape),
             "specific_force": force + rng.normal(0.03, 0.03, force.shape),
