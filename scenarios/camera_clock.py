@@ -10,6 +10,7 @@ where they fit significantly better than the calibrated clock and every other ca
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 from stridetwin.scenarios.clock_search import find_shifts
 from stridetwin.scenarios.image_rotation import Rates
 from stridetwin.streams.rig import Board, CameraCalibration, Rig
-from stridetwin.streams.samples import Array
+from stridetwin.streams.samples import Array, Block, Imu
 
 LARGEST_SHIFT_S = 0.15
 """Shifts are tried up to this far on both sides of the calibrated one."""
@@ -42,6 +43,7 @@ _MIN_BLOCKS = 6  # fewest blocks from which a clock is estimated
 _OUTLIER = 5.0  # times the median of the squared differences
 _MEDIAN_OF_SQUARED_NORMAL = 0.455  # of a standard normal variable
 _BETTER = 1.5  # ratio of costs from which another mount counts
+_AS_GOOD = 1.3  # ratio of costs up to which a usual mistake of the mount is as good as the best rotation
 _ROUNDS, _PRIOR_SHARE = 3, 0.001  # of the mount's alignment, and weight of the nominal mount in it
 _NORMAL_975 = 1.959964  # quantile of the standard normal distribution
 _SHOES = ("foot_l", "foot_r")  # bodies
@@ -132,10 +134,17 @@ class GyroRates:
     Attributes:
         t_ns: (M,) stamps of the gyro, ns.
         rate: (M, 3) rad/s.
+        R_cam_imu: (3, 3) the nominal mount.
     """
 
     t_ns: NDArray[np.int64]
     rate: Array
+    R_cam_imu: Array
+
+    @classmethod
+    def of(cls, imu: Block[Imu], R_cam_imu: Array) -> GyroRates:
+        """The rates of an IMU on which a camera has the nominal rotation (3, 3)."""
+        return cls(t_ns=imu.t_ns, rate=imu.columns["angular_rate"] @ R_cam_imu.T, R_cam_imu=R_cam_imu)
 
     def mean_between(self, spans: NDArray[np.int64], shifts: Array) -> Array:
         """(S, N, 3) mean rates over N intervals between images, shifted by each of S shifts, rad/s.
@@ -191,16 +200,57 @@ def estimate_clock(camera: CameraCalibration, gyro: GyroRates, rates: Sequence[R
     window = _choose_window(near, windows, block)
     if window is None or window.fit is None:
         return None
+    turn = window.turn
+    if window.is_turned:
+        is_covered = gyro.covers(spans, window.fit.shift_s)
+        measured = gyro.mean_between(spans[is_covered], np.array([window.fit.shift_s]))[0]
+        turn = _find_usual_turn(turn, measured, visual[is_covered], gyro.R_cam_imu)
     return CameraClock(
         imu=camera.imu_topic,
         shift_s=window.fit.shift_s,
         half_s=window.fit.half_s,
         calibrated_s=camera.timeshift_cam_imu_s,
         correlation=window.fit.correlation,
-        mount_off_deg=angle_deg(window.turn),
+        mount_off_deg=angle_deg(turn),
         pairs=len(visual),
-        turn=window.turn,
+        turn=turn,
     )
+
+
+def exchange_axes() -> list[Array]:
+    """The 24 rotations (3, 3) that exchange or reverse axes, the identity first."""
+    orders, signs = itertools.permutations(range(3)), list(itertools.product((1.0, -1.0), repeat=3))
+    axes = [np.diag(sign) @ np.eye(3)[list(order)] for order in orders for sign in signs]
+    return [R for R in axes if np.linalg.det(R) > 0]
+
+
+def _find_usual_turn(turn: Array, measured: Array, visual: Array, R_cam_imu: Array) -> Array:
+    """The usual mistake of a mount that fits about as well as the best rotation, else that rotation.
+
+    A walk may turn a head about one axis alone, so that a rotation about that axis is anyone's guess; then a usual
+    mistake is likelier.
+
+    Args:
+        turn: (3, 3) rotation of the nominal mount that fits best.
+        measured: (N, 3) rates of the gyro in the camera's nominal axes, rad/s.
+        visual: (N, 3) rates from the images, rad/s.
+        R_cam_imu: (3, 3) the nominal mount.
+    """
+    a, b = measured - np.median(measured, axis=0), visual - np.median(visual, axis=0)
+
+    def square(R: Array) -> Array:
+        """(N,) squared differences with a rotation of the mount, (rad/s)²."""
+        return np.asarray(np.sum((a @ R.T - b) ** 2, axis=1))
+
+    best = square(turn)
+    most = _OUTLIER * float(np.median(best))
+    # the inverse of the nominal mount in its place, and exchanged axes
+    usual = [R for R in (R_cam_imu.T @ R_cam_imu.T, *exchange_axes()) if angle_deg(R) > MOUNT_OFF_DEG]
+    costs = [float(np.mean(np.minimum(square(R), most))) for R in usual]
+    least = int(np.argmin(costs))
+    if costs[0] <= _AS_GOOD * costs[least]:
+        least = 0  # of mistakes that are one and the same, and of those that look alike, the inverse is the likeliest
+    return usual[least] if costs[least] <= _AS_GOOD * float(np.mean(np.minimum(best, most))) else turn
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -263,9 +313,9 @@ def _fits_better(squared: Array, rival: Array, block: NDArray[np.intp]) -> bool:
     more = np.minimum(rival[both], most) - np.minimum(squared[both], most)
     _, number = np.unique(block[both], return_inverse=True)
     by_block = np.asarray(np.bincount(number, more), float)
-    if len(by_block) < _MIN_BLOCKS:
-        return False
     ratio = float(np.sum(np.minimum(rival[both], most)) / max(float(np.sum(np.minimum(squared[both], most))), 1e-30))
+    if len(by_block) < _MIN_BLOCKS:  # they hardly cover the same images
+        return ratio > _BETTER
     return ratio > _BETTER and bool(_are_significantly_worse(by_block[:, None])[0])
 
 

@@ -5,16 +5,21 @@
 
 from __future__ import annotations
 
-import itertools
-import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.scenarios.camera_clock import CLOCK_OFFSET_S, CameraClock, GyroRates, angle_deg, estimate_clock
-from stridetwin.scenarios.camera_focal import FOCAL_OFF, FocalRatio, estimate_focal, estimate_focal_by_depth
+from stridetwin.scenarios.camera_clock import (
+    CLOCK_OFFSET_S,
+    CameraClock,
+    GyroRates,
+    angle_deg,
+    estimate_clock,
+    exchange_axes,
+)
+from stridetwin.scenarios.camera_focal import FOCAL_OFF, FocalRatio, estimate_focal, scale_focal
 from stridetwin.scenarios.camera_lever import LEVER_OFF_M, LeverArm, estimate_lever
 from stridetwin.scenarios.camera_motion import build_parts, prepare_parts
 from stridetwin.scenarios.image_rotation import Rates, Tracks, estimate_rates, track_segment
@@ -28,6 +33,8 @@ QUICK_SEGMENTS = 3
 """Most segments of the quick look that precedes an estimate: one to three seconds of work."""
 _NEAR_AXES_DEG = 12.0
 """A mount this close to one whose axes are exchanged counts as that."""
+_OTHER_LENSES = (0.75, 1.35)
+"""Multiples of the focal length that are tried where the calibrated one shows no clock."""
 _GOLDEN = 0.618034  # multiples of the golden ratio are spread evenly, however many there are
 _SPOILING_OFFSET_S = 0.02
 """Offset of the clocks beyond which an odometry does not find it by itself, s: four times what `dvio` assumes."""
@@ -163,7 +170,7 @@ def fit_camera(
     """
     T_imu_cam = np.linalg.inv(recording.rig.imu(camera.imu_topic).mount.T_body_sensor) @ camera.mount.T_body_sensor
     # rates of the gyro in the axes of the camera as it is nominally mounted, (M, 3) rad/s
-    gyro = GyroRates(t_ns=imu.t_ns, rate=imu.columns["angular_rate"] @ T_imu_cam[:3, :3])
+    gyro = GyroRates.of(imu, T_imu_cam[:3, :3].T)
     images = recording.image_times(camera.topic)
     starts = _most_varied_segments(images + round(camera.timeshift_cam_imu_s * 1e9), gyro)[:most_segments]
     clock, focal, lever = None, None, None
@@ -171,8 +178,7 @@ def fit_camera(
 
     def fit_focal(by: CameraClock) -> FocalRatio | None:
         """The focal length by the segments that have been read."""
-        by_depth = estimate_focal_by_depth(camera, T_imu_cam, imu, gyro, segments, by) if camera.depth_topic else None
-        return by_depth if camera.depth_topic else estimate_focal(camera, gyro, segments, by)
+        return estimate_focal(camera, T_imu_cam, imu, gyro, segments, by)
 
     for start in range(0, len(starts), BATCH):
         for first_image in starts[start : start + BATCH]:
@@ -181,7 +187,7 @@ def fit_camera(
             if segment_rates is not None:
                 segments.append(tracks)
                 rates.append(segment_rates)
-        clock = estimate_clock(camera, gyro, rates)
+        clock = estimate_clock(camera, gyro, rates) or _try_other_lenses(camera, gyro, segments)
         if clock is None or abs(abs(clock.unexplained_s) - CLOCK_OFFSET_S) <= clock.half_s:
             continue
         focal = fit_focal(clock)
@@ -202,6 +208,17 @@ def fit_camera(
         lever=lever,
         spans_s=(spans[0], spans[1]),
     )
+
+
+def _try_other_lenses(
+    camera: CameraCalibration, gyro: GyroRates, segments: Sequence[Sequence[Tracks]]
+) -> CameraClock | None:
+    """The clock with another focal length, of which the wrong one may have hidden it; None where it stays hidden."""
+    for factor in _OTHER_LENSES:
+        rates = [estimate_rates(scale_focal(camera, factor), segment) for segment in segments]
+        if (clock := estimate_clock(camera, gyro, [r for r in rates if r is not None])) is not None:
+            return clock
+    return None
 
 
 def describe_turn(turn: Array, R_cam_imu: Array) -> str:
@@ -229,13 +246,8 @@ def describe_turn(turn: Array, R_cam_imu: Array) -> str:
 
 def _find_nearest_axes(R: Array) -> tuple[Array, float]:
     """The rotation (3, 3) of exchanged axes, with entries 0, 1 and -1, nearest to R (3, 3), and their angle, deg."""
-    best, least = np.eye(3), math.inf
-    for order in itertools.permutations(range(3)):
-        for signs in itertools.product((1.0, -1.0), repeat=3):
-            axes = np.diag(signs) @ np.eye(3)[list(order)]
-            if np.linalg.det(axes) > 0 and (angle := angle_deg(R @ axes.T)) < least:
-                best, least = axes, angle
-    return best, least
+    best = min(exchange_axes(), key=lambda axes: angle_deg(R @ axes.T))
+    return best, angle_deg(R @ best.T)
 
 
 def _most_varied_segments(images: NDArray[np.int64], gyro: GyroRates) -> list[int]:

@@ -3,8 +3,7 @@
 A feature moves by about the focal length times the angle when the camera turns about an axis across its line of sight.
 With a focal length that is too large by a factor, the angle from the images is too small by it; a rotation about the
 line of sight does not depend on it. With depth the translation of the camera, which moves features as well, is part of
-the fit (`camera_lever`). Without, the rotation is estimated by the images alone, and repeated with the corrected focal
-length until the angles agree.
+the fit (`camera_lever`); without, its direction is (`camera_epipolar`).
 """
 
 from __future__ import annotations
@@ -17,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.scenarios.camera_clock import CameraClock, GyroRates, split_blocks, student_quantile
-from stridetwin.scenarios.camera_lever import estimate_factor
-from stridetwin.scenarios.camera_motion import MotionPart, build_parts, prepare_parts
+from stridetwin.scenarios.camera_epipolar import find_epipolar_cost
+from stridetwin.scenarios.camera_lever import COARSE, estimate_factor, find_minimum
+from stridetwin.scenarios.camera_motion import InertialPart, MotionPart, build_parts, prepare_parts
 from stridetwin.scenarios.image_rotation import Rates, Tracks, estimate_rates
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array, Block, Imu
@@ -28,8 +28,10 @@ FOCAL_OFF = 0.05
 by 1 to 2 %, another resolution or camera by more than 10 %."""
 _MODEL_SD = 0.01  # of the ratio: scale error of consumer gyros by their data sheets
 _MOST_HALF_WIDTH = 0.15  # half width up to which a ratio counts
-_ROUNDS, _CLOSE = 6, 0.01  # most repetitions, and change of the ratio at which they end
-_LARGEST_STEP = 1.6  # factor by which one repetition changes the focal length at most
+_LARGEST_RATIO = 1.6  # of the images' rates to the gyro's that a bias is estimated with
+_AROUND = np.array([0.92, 1.0, 1.08])
+"""Multiples of the best focal length that are compared last, without depth."""
+_MIN_PARTS = 4
 _OUTLIER = 9.0  # times the mean of the squared differences
 _TRIMMED_ROUNDS = 4  # of the fit without outliers
 _MIN_BLOCKS = 6
@@ -76,7 +78,7 @@ class _Slope:
     half: float
 
 
-def estimate_focal_by_depth(
+def estimate_focal(
     camera: CameraCalibration,
     T_imu_cam: Array,
     imu: Block[Imu],
@@ -84,7 +86,7 @@ def estimate_focal_by_depth(
     segments: Sequence[Sequence[Tracks]],
     clock: CameraClock,
 ) -> FocalRatio | None:
-    """The focal length of a camera with depth with which the IMU explains the motion of its features.
+    """The focal length with which the IMU explains the motion of a camera's features.
 
     Args:
         camera: Its calibration.
@@ -97,60 +99,85 @@ def estimate_focal_by_depth(
     Returns:
         None if the motion shows too little of it.
     """
+    rates = [r for r in (estimate_rates(camera, segment) for segment in segments) if r is not None]
+    slopes = _fit_slopes(gyro, rates, clock) if rates else None
+    if slopes is None:
+        return None
     R_imu_cam = T_imu_cam[:3, :3] @ clock.turn.T
-    parts = list(prepare_parts(R_imu_cam, imu, segments, clock.shift_s))
+    unbiased = _remove_bias(imu, R_imu_cam @ slopes.bias)
+    has_depth = any(tracks.depth is not None for segment in segments for tracks in segment)
+    parts = list(prepare_parts(R_imu_cam, unbiased, segments, clock.shift_s, needs_depth=has_depth))
 
     def build(factor: float) -> list[MotionPart]:
         """Equations of the parts with a multiple of the focal length."""
         return build_parts(scale_focal(camera, factor), parts)
 
-    estimate = estimate_factor(build, T_imu_cam[:3, 3], camera.readout_s)
+    if has_depth:
+        estimate = estimate_factor(build, T_imu_cam[:3, 3], camera.readout_s)
+    else:
+        estimate = _estimate_without_depth(camera, parts)
     if estimate is None:
         return None
     ratio, sd, count = estimate
-    half = student_quantile(count - 1) * math.hypot(sd, _MODEL_SD)
-    rates = [r for r in (estimate_rates(camera, segment) for segment in segments) if r is not None]
-    slopes = _fit_slopes(gyro, rates, clock)
-    if half > _MOST_HALF_WIDTH * ratio or slopes is None:
+    half = student_quantile(count - 1) * math.hypot(sd, _MODEL_SD * ratio)
+    if half > _MOST_HALF_WIDTH * ratio:
         return None
-    return _to_ratio(ratio, half, slopes[1])
+    # the rotation about the line of sight, with the lens that fits
+    scaled = scale_focal(camera, ratio)
+    rates = [r for r in (estimate_rates(scaled, segment) for segment in segments) if r is not None]
+    slopes = _fit_slopes(gyro, rates, clock) if rates else None
+    roll = None if slopes is None or slopes.about.half > _MOST_HALF_WIDTH else slopes.about
+    return FocalRatio(
+        ratio=ratio,
+        half=half,
+        roll=math.nan if roll is None else roll.value,
+        roll_half=math.nan if roll is None else roll.half,
+    )
 
 
-def estimate_focal(
-    camera: CameraCalibration, gyro: GyroRates, segments: Sequence[Sequence[Tracks]], clock: CameraClock
-) -> FocalRatio | None:
-    """The focal length by which the images of some segments turn as the gyro says.
+def _estimate_without_depth(
+    camera: CameraCalibration, parts: Sequence[InertialPart]
+) -> tuple[float, float, int] | None:
+    """The multiple of the focal length with which features without depth agree best with the gyro.
 
     Args:
-        camera: Its calibration.
-        gyro: Rates of the gyro in its nominal axes.
-        segments: Tracks of each segment.
-        clock: Its clock and mount.
+        camera: Calibration of the camera.
+        parts: Pairs of images with the rotations by the gyro.
 
     Returns:
-        None if the rotation shows too little of it.
+        The multiple, its standard deviation, and the number of parts; None with too few, or without a minimum.
     """
-    factor = 1.0
-    for _ in range(_ROUNDS):
-        scaled = scale_focal(camera, factor)
-        rates = [r for r in (estimate_rates(scaled, segment) for segment in segments) if r is not None]
-        slopes = _fit_slopes(gyro, rates, clock) if rates else None
-        if slopes is None:
-            return None
-        across, roll = slopes
-        if abs(across.value - 1) < _CLOSE:
-            break
-        factor *= min(max(across.value, 1 / _LARGEST_STEP), _LARGEST_STEP)
-    ratio, half = factor * across.value, factor * across.half
-    return None if half > _MOST_HALF_WIDTH * ratio else _to_ratio(ratio, half, roll)
+    if len(parts) < _MIN_PARTS:
+        return None
+    coarse = _compare_epipolar(camera, parts, COARSE).sum(axis=0)
+    start = find_minimum(COARSE, coarse)
+    if start is None:
+        return None
+    factors = start * _AROUND
+    fine = _compare_epipolar(camera, parts, factors)
+    total = fine.sum(axis=0)
+    minima = [find_minimum(factors, total), *(find_minimum(factors, total - of_part) for of_part in fine)]
+    known = [value for value in minima if value is not None]
+    if len(known) < len(minima):
+        return None
+    return known[0], known[0] * math.sqrt((len(parts) - 1) * float(np.var(np.log(known[1:])))), len(parts)
 
 
-def _to_ratio(ratio: float, half: float, roll: _Slope) -> FocalRatio:
-    """The ratio with the one of the rotation about the line of sight, if that is known."""
-    is_known = roll.half < _MOST_HALF_WIDTH
-    return FocalRatio(
-        ratio=ratio, half=half, roll=roll.value if is_known else math.nan, roll_half=roll.half if is_known else math.nan
-    )
+def _compare_epipolar(camera: CameraCalibration, parts: Sequence[InertialPart], factors: Array) -> Array:
+    """(P, F) what the features of P parts leave over with F multiples of the focal length."""
+    costs = np.zeros((len(parts), len(factors)))
+    for column, factor in enumerate(factors):
+        scaled, direction = scale_focal(camera, float(factor)), np.array([0.0, 0.0, 1.0])
+        for row, part in enumerate(parts):
+            for tracks, (before, after) in zip(part.pairs, part.R_start_cam):
+                cost, direction = find_epipolar_cost(scaled, tracks, after.T @ before, direction)
+                costs[row, column] += cost
+    return costs
+
+
+def _remove_bias(imu: Block[Imu], bias: Array) -> Block[Imu]:
+    """The samples of an IMU without a bias (3,) of its rates, rad/s."""
+    return replace(imu, columns={**imu.columns, "angular_rate": imu.columns["angular_rate"] - bias})
 
 
 def scale_focal(camera: CameraCalibration, factor: float) -> CameraCalibration:
@@ -159,8 +186,23 @@ def scale_focal(camera: CameraCalibration, factor: float) -> CameraCalibration:
     return replace(camera, intrinsics=(factor * fu, factor * fv, pu, pv))
 
 
-def _fit_slopes(gyro: GyroRates, rates: Sequence[Rates], clock: CameraClock) -> tuple[_Slope, _Slope] | None:
-    """Ratios of the images' rates to the gyro's, across the line of sight and about it; None with too few blocks.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Slopes:
+    """Ratios of the images' rates to the gyro's.
+
+    Attributes:
+        across: Across the line of sight.
+        about: About it.
+        bias: (3,) of the gyro in the camera's axes, rad/s: its rates where the images do not turn.
+    """
+
+    across: _Slope
+    about: _Slope
+    bias: Array
+
+
+def _fit_slopes(gyro: GyroRates, rates: Sequence[Rates], clock: CameraClock) -> _Slopes | None:
+    """Ratios of the images' rates to the gyro's; None with too few blocks of images.
 
     Args:
         gyro: Rates of the gyro in the camera's nominal axes.
@@ -173,9 +215,13 @@ def _fit_slopes(gyro: GyroRates, rates: Sequence[Rates], clock: CameraClock) -> 
     _, block = np.unique(block[is_covered], return_inverse=True)
     if not len(block) or block[-1] + 1 < _MIN_BLOCKS:
         return None
-    measured = gyro.mean_between(spans[is_covered], np.array([clock.shift_s]))[0] @ clock.turn.T
-    across, about = (_fit_slope(measured[:, axes], visual[is_covered][:, axes], block) for axes in ([0, 1], [2]))
-    return across, about
+    measured, visual = gyro.mean_between(spans[is_covered], np.array([clock.shift_s]))[0], visual[is_covered]
+    measured = measured @ clock.turn.T
+    across, about = (_fit_slope(measured[:, axes], visual[:, axes], block) for axes in ([0, 1], [2]))
+    # a wrong focal length changes rates across the line of sight alone
+    ratio = min(max(across.value, 1 / _LARGEST_RATIO), _LARGEST_RATIO)
+    bias = np.median(measured - visual / np.array([ratio, ratio, 1.0]), axis=0)
+    return _Slopes(across=across, about=about, bias=bias)
 
 
 def _fit_slope(measured: Array, visual: Array, block: NDArray[np.intp]) -> _Slope:

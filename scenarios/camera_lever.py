@@ -18,13 +18,13 @@ from stridetwin.streams.samples import Array
 
 LEVER_OFF_M = 0.1
 """Error of the lever arm that a calibration may have, m: what the housing of one device spans."""
-_COARSE = np.geomspace(0.55, 1.82, 9)
+COARSE = np.geomspace(0.55, 1.82, 9)
 """Multiples of the calibrated focal length that are compared first."""
-_FINE = np.array([0.95, 1.0, 1.05])
+FINE = np.array([0.95, 1.0, 1.05])
 """Multiples of the best of these that are compared then."""
 _READOUT_SD_S, _CALIBRATED_READOUT_SD_S = 0.015, 0.002
 """Readout of a camera of which none is calibrated: 0 to 30 ms; and error of a calibrated one."""
-_MIN_PARTS = 6
+_MIN_PARTS = 4
 _MODEL_SD_M = 0.02  # of an axis: depth noise that depends on the motion
 _DEPTH_SHARE = 0.02  # of the depth: along the line of sight, an error of the focal length looks like a lever arm
 _MOST_HALF_WIDTH_M = 0.25  # half width up to which a direction counts
@@ -125,20 +125,20 @@ def estimate_factor(
         The multiple, its standard deviation, and the number of parts; None with too few parts, or without a minimum.
     """
     likely = _expect_arm(calibrated) + _expect_readout(readout_s)
-    coarse = _compare_factors(build, _COARSE, likely)
-    start = None if coarse is None else _find_minimum(_COARSE, coarse.costs)
+    coarse = _compare_factors(build, COARSE, likely)
+    start = None if coarse is None else find_minimum(COARSE, coarse.costs)
     if start is None:
         return None
-    fine = _compare_factors(build, start * _FINE, likely)
+    fine = _compare_factors(build, start * FINE, likely)
     if fine is None:
         return None
     count = len(fine.sums[0])
     # the least cost without each of the parts
     without = [
-        _find_minimum(start * _FINE, np.array([_find_least_cost(total - sums[part]) for total, sums in fine.pairs]))
+        find_minimum(start * FINE, np.array([_find_least_cost(total - sums[part]) for total, sums in fine.pairs]))
         for part in range(count)
     ]
-    minimum = _find_minimum(start * _FINE, fine.costs)
+    minimum = find_minimum(start * FINE, fine.costs)
     known = [value for value in (minimum, *without) if value is not None]
     if minimum is None or len(known) <= count:
         return None
@@ -212,7 +212,7 @@ def _expect_readout(readout_s: float) -> Quadratic:
     return Quadratic(normal=normal, right=right, constant=(readout_s / READOUT_UNIT_S / sd) ** 2)
 
 
-def _find_minimum(factors: Array, costs: Array) -> float | None:
+def find_minimum(factors: Array, costs: Array) -> float | None:
     """Multiple of the focal length at the least of the costs (F,), by a parabola in its logarithm.
 
     Args:

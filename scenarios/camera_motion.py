@@ -123,21 +123,22 @@ class InertialPart:
 
 
 def prepare_parts(
-    R_imu_cam: Array, imu: Block[Imu], segments: Sequence[Sequence[Tracks]], shift_s: float
+    R_imu_cam: Array, imu: Block[Imu], segments: Sequence[Sequence[Tracks]], shift_s: float, *, needs_depth: bool = True
 ) -> Iterator[InertialPart]:
     """Yields what the IMU says about the parts of some segments.
 
     Args:
         R_imu_cam: (3, 3) rotation of the camera on the IMU.
         imu: All samples of the IMU.
-        segments: Tracks of each segment; pairs without depth are left out.
+        segments: Tracks of each segment.
         shift_s: t_imu = t_cam + shift.
+        needs_depth: Whether pairs without depth are left out.
     """
     for segment in segments:
-        with_depth = [tracks for tracks in segment if tracks.depth is not None]
-        count = max(1, round(len(with_depth) / PAIRS_OF_PART))
-        for numbers in np.array_split(np.arange(len(with_depth)), count):
-            pairs = [with_depth[int(i)] for i in numbers]
+        usable = [tracks for tracks in segment if tracks.depth is not None or not needs_depth]
+        count = max(1, round(len(usable) / PAIRS_OF_PART))
+        for numbers in np.array_split(np.arange(len(usable)), count):
+            pairs = [usable[int(i)] for i in numbers]
             part = _prepare_part(R_imu_cam, imu, pairs, shift_s) if len(pairs) >= _MIN_PAIRS else None
             if part is not None:
                 yield part

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.scenarios.camera_clock import GyroRates, estimate_clock
 from stridetwin.scenarios.camera_fit import describe_turn
-from stridetwin.scenarios.camera_focal import estimate_focal, estimate_focal_by_depth
+from stridetwin.scenarios.camera_focal import estimate_focal
 from stridetwin.scenarios.camera_lever import estimate_lever
 from stridetwin.scenarios.camera_motion import build_parts, prepare_parts
 from stridetwin.scenarios.image_rotation import estimate_rates
@@ -38,17 +38,15 @@ class Fitted:
             ]
             for segment in walk.tracks()
         ]
-        gyro = GyroRates(t_ns=imu.t_ns, rate=imu.columns["angular_rate"] @ T[:3, :3])
+        gyro = GyroRates.of(imu, T[:3, :3].T)
         self.clock = estimate_clock(camera, gyro, [estimate_rates(camera, segment) for segment in segments])
         self.focal = self.lever = None
         if self.clock is None:
             return
+        self.focal = estimate_focal(camera, T, imu, gyro, segments, self.clock)
         if has_depth:
-            self.focal = estimate_focal_by_depth(camera, T, imu, gyro, segments, self.clock)
             parts = build_parts(camera, list(prepare_parts(T[:3, :3], imu, segments, self.clock.shift_s)))
             self.lever = estimate_lever(parts, T, 3.0, readout_s)
-        else:
-            self.focal = estimate_focal(camera, gyro, segments, self.clock)
 
 
 @pytest.mark.parametrize("seed", [0, 1])
