@@ -5,8 +5,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,19 +23,23 @@ from stridetwin.scenarios.camera_clock import (
 from stridetwin.scenarios.camera_focal import FOCAL_OFF, FocalRatio, estimate_focal, scale_focal
 from stridetwin.scenarios.camera_lever import LEVER_OFF_M, LeverArm, estimate_lever
 from stridetwin.scenarios.camera_motion import build_parts, prepare_parts
-from stridetwin.scenarios.image_rotation import Rates, Tracks, estimate_rates, track_segment
+from stridetwin.scenarios.image_rotation import Tracks, estimate_rates, track_segment
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array, Block, Imu
 
 IMAGES, BATCH, MOST_SEGMENTS = 45, 3, 12
 """Images of a segment, segments that are read at a time, and most segments of one recording."""
-QUICK_SEGMENTS = 3
-"""Most segments of the quick look that precedes an estimate: one to three seconds of work."""
+QUICK_SEGMENTS = 6
+"""Most segments of the quick look that precedes an estimate. Where the head turns, the first batch is enough, which is
+two to three seconds of work."""
 _NEAR_AXES_DEG = 12.0
 """A mount this close to one whose axes are exchanged counts as that."""
 _OTHER_LENSES = (0.75, 1.35)
 """Multiples of the focal length that are tried where the calibrated one shows no clock."""
+_OFF_CENTRE, _SAME_LENS = 0.1, 0.1
+"""Share by which the centre of a lens may be off the middle of its images, and by which a focal length may differ from
+that of images of another size to count as the same lens."""
 _GOLDEN = 0.618034  # multiples of the golden ratio are spread evenly, however many there are
 _SPOILING_OFFSET_S = 0.02
 """Offset of the clocks beyond which an odometry does not find it by itself, s: four times what `dvio` assumes."""
@@ -160,7 +165,8 @@ def fit_camera(
     """Compares a camera with the IMU on its body.
 
     Segments of images are read in batches, those with the most varied rotation first, until the offset of the clocks
-    is certainly above or below `CLOCK_OFFSET_S`, and the focal length certainly right or wrong.
+    is certainly above or below `CLOCK_OFFSET_S`, and the focal length certainly right or wrong. Intrinsics that look
+    like those of images of another size are compared at the size of the images, if the motion agrees with that.
 
     Args:
         recording: Recording with the images.
@@ -169,36 +175,20 @@ def fit_camera(
         most_segments: Most segments that are read.
     """
     T_imu_cam = np.linalg.inv(recording.rig.imu(camera.imu_topic).mount.T_body_sensor) @ camera.mount.T_body_sensor
-    # rates of the gyro in the axes of the camera as it is nominally mounted, (M, 3) rad/s
     gyro = GyroRates.of(imu, T_imu_cam[:3, :3].T)
     images = recording.image_times(camera.topic)
     starts = _most_varied_segments(images + round(camera.timeshift_cam_imu_s * 1e9), gyro)[:most_segments]
-    clock, focal, lever = None, None, None
-    segments, rates = list[list[Tracks]](), list[Rates]()
-
-    def fit_focal(by: CameraClock) -> FocalRatio | None:
-        """The focal length by the segments that have been read."""
-        return estimate_focal(camera, T_imu_cam, imu, gyro, segments, by)
-
+    comparison = _Comparison(camera=camera, T_imu_cam=T_imu_cam, imu=imu, gyro=gyro)
+    segments = list[list[Tracks]]()
     for start in range(0, len(starts), BATCH):
-        for first_image in starts[start : start + BATCH]:
-            tracks = track_segment(recording, camera, first_image, IMAGES)
-            segment_rates = estimate_rates(camera, tracks)
-            if segment_rates is not None:
-                segments.append(tracks)
-                rates.append(segment_rates)
-        clock = estimate_clock(camera, gyro, rates) or _try_other_lenses(camera, gyro, segments)
-        if clock is None or abs(abs(clock.unexplained_s) - CLOCK_OFFSET_S) <= clock.half_s:
-            continue
-        focal = fit_focal(clock)
-        if focal is not None and focal.is_certain:
+        segments += [track_segment(recording, camera, first, IMAGES) for first in starts[start : start + BATCH]]
+        clock, focal = comparison.find(segments, tries_other_lenses=start + BATCH >= len(starts))
+        is_clear = clock is not None and abs(abs(clock.unexplained_s) - CLOCK_OFFSET_S) > clock.half_s
+        if is_clear and focal is not None and focal.is_certain:
             break
-    if clock is not None and focal is None:
-        focal = fit_focal(clock)
-    if clock is not None and not clock.mount_off_deg and not (focal is not None and focal.is_off):
-        parts = build_parts(camera, list(prepare_parts(T_imu_cam[:3, :3], imu, segments, clock.shift_s)))
-        depth_m = float(np.nanmedian(np.concatenate([r.depth for r in rates]))) if parts else 0.0
-        lever = estimate_lever(parts, T_imu_cam, depth_m, camera.readout_s)
+    lever = None
+    if clock is not None and not clock.mount_off_deg and focal is not None and not focal.is_off:
+        lever = comparison.find_lever(segments, clock)
     spans = tuple((int(t[0]) * 1e-9, int(t[-1]) * 1e-9) for t in (images, imu.t_ns))
     return CameraFit(
         camera=camera,
@@ -210,15 +200,78 @@ def fit_camera(
     )
 
 
-def _try_other_lenses(
-    camera: CameraCalibration, gyro: GyroRates, segments: Sequence[Sequence[Tracks]]
-) -> CameraClock | None:
-    """The clock with another focal length, of which the wrong one may have hidden it; None where it stays hidden."""
-    for factor in _OTHER_LENSES:
-        rates = [estimate_rates(scale_focal(camera, factor), segment) for segment in segments]
-        if (clock := estimate_clock(camera, gyro, [r for r in rates if r is not None])) is not None:
-            return clock
-    return None
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Comparison:
+    """A camera and an IMU that are compared.
+
+    Attributes:
+        camera: Calibration of the camera.
+        T_imu_cam: (4, 4) its calibrated pose on the IMU.
+        imu: All samples of the IMU.
+        gyro: Rates of its gyro in the camera's nominal axes.
+    """
+
+    camera: CameraCalibration
+    T_imu_cam: Array
+    imu: Block[Imu]
+    gyro: GyroRates
+
+    def find(
+        self, segments: Sequence[Sequence[Tracks]], *, tries_other_lenses: bool
+    ) -> tuple[CameraClock | None, FocalRatio | None]:
+        """Clock and focal length by the tracks of some segments.
+
+        Args:
+            segments: The tracks.
+            tries_other_lenses: Whether other focal lengths are tried where the calibrated one shows no clock.
+        """
+        size = _guess_image_size(self.camera)
+        if size != 1.0:
+            clock, focal = self._find_with(_resize(self.camera, size), segments)
+            if focal is not None and abs(focal.ratio - 1) < _SAME_LENS:
+                return clock, focal.multiply(size)
+        clock, focal = self._find_with(self.camera, segments)
+        for factor in _OTHER_LENSES if clock is None and tries_other_lenses else ():
+            clock, focal = self._find_with(scale_focal(self.camera, factor), segments)
+            if clock is not None:
+                return clock, None if focal is None else focal.multiply(factor)
+        return clock, focal
+
+    def find_lever(self, segments: Sequence[Sequence[Tracks]], clock: CameraClock) -> LeverArm | None:
+        """The lever arm by the tracks of some segments, where clock, mount and lens are right."""
+        parts = build_parts(self.camera, list(prepare_parts(self.T_imu_cam[:3, :3], self.imu, segments, clock.shift_s)))
+        depths = [tracks.median_depth for segment in segments for tracks in segment]
+        depth_m = float(np.nanmedian(depths)) if parts else 0.0
+        return estimate_lever(parts, self.T_imu_cam, depth_m, self.camera.readout_s)
+
+    def _find_with(
+        self, camera: CameraCalibration, segments: Sequence[Sequence[Tracks]]
+    ) -> tuple[CameraClock | None, FocalRatio | None]:
+        """Clock, and multiple of the focal length, with another calibration of the lens."""
+        rates = [r for r in (estimate_rates(camera, segment) for segment in segments) if r is not None]
+        clock = estimate_clock(camera, self.gyro, rates)
+        if clock is None:
+            return None, None
+        return clock, estimate_focal(camera, self.T_imu_cam, self.imu, self.gyro, segments, clock)
+
+
+def _guess_image_size(camera: CameraCalibration) -> float:
+    """By what intrinsics have to be multiplied if they are of images of another size; 1 where nothing says so.
+
+    The centre of a lens is near the middle of its images.
+    """
+    _, _, pu, pv = camera.intrinsics
+    across, down = camera.width / (2 * pu + 1), camera.height / (2 * pv + 1)
+    is_other = abs(across - 1) > _OFF_CENTRE and abs(across / down - 1) < _OFF_CENTRE and across > 0
+    return math.sqrt(across * down) if is_other else 1.0
+
+
+def _resize(camera: CameraCalibration, factor: float) -> CameraCalibration:
+    """The camera with intrinsics for images that are `factor` times as large; its width and height stay."""
+    fu, fv, pu, pv = camera.intrinsics
+    # 0.5 moves from the centre of a pixel to its corner and back
+    centre = (factor * (pu + 0.5) - 0.5, factor * (pv + 0.5) - 0.5)
+    return replace(camera, intrinsics=(factor * fu, factor * fv, *centre))
 
 
 def describe_turn(turn: Array, R_cam_imu: Array) -> str:

@@ -54,6 +54,10 @@ class FocalRatio:
     roll: float
     roll_half: float
 
+    def multiply(self, factor: float) -> FocalRatio:
+        """The ratio to a calibration whose focal lengths are `1 / factor` of those that it refers to."""
+        return replace(self, ratio=factor * self.ratio, half=factor * self.half)
+
     @property
     def is_off(self) -> bool:
         """Whether the interval lies entirely beyond `FOCAL_OFF`."""
