@@ -252,7 +252,7 @@ class _Comparison:
         clock = estimate_clock(camera, self.gyro, rates)
         if clock is None:
             return None, None
-        return clock, estimate_focal(camera, self.T_imu_cam, self.imu, self.gyro, segments, clock)
+        return clock, estimate_focal(camera, self.T_imu_cam, self.imu, self.gyro, segments, rates, clock)
 
 
 def _guess_image_size(camera: CameraCalibration) -> float:

@@ -29,6 +29,8 @@ by 1 to 2 %, another resolution or camera by more than 10 %."""
 _MODEL_SD = 0.01  # of the ratio: scale error of consumer gyros by their data sheets
 _MOST_HALF_WIDTH = 0.15  # half width up to which a ratio counts
 _LARGEST_RATIO = 1.6  # of the images' rates to the gyro's that a bias is estimated with
+_COARSE_PAIRS = 3
+"""Of so many pairs of images, one is compared first."""
 _AROUND = np.array([0.92, 1.0, 1.08])
 """Multiples of the best focal length that are compared last, without depth."""
 _MIN_PARTS = 4
@@ -88,6 +90,7 @@ def estimate_focal(
     imu: Block[Imu],
     gyro: GyroRates,
     segments: Sequence[Sequence[Tracks]],
+    rates: Sequence[Rates],
     clock: CameraClock,
 ) -> FocalRatio | None:
     """The focal length with which the IMU explains the motion of a camera's features.
@@ -98,12 +101,12 @@ def estimate_focal(
         imu: All samples of the IMU.
         gyro: Rates of the gyro in the camera's nominal axes.
         segments: Tracks of each segment.
+        rates: Rates from the images of each segment with this calibration.
         clock: Its clock and mount.
 
     Returns:
         None if the motion shows too little of it.
     """
-    rates = [r for r in (estimate_rates(camera, segment) for segment in segments) if r is not None]
     slopes = _fit_slopes(gyro, rates, clock) if rates else None
     if slopes is None:
         return None
@@ -126,10 +129,10 @@ def estimate_focal(
     half = student_quantile(count - 1) * math.hypot(sd, _MODEL_SD * ratio)
     if half > _MOST_HALF_WIDTH * ratio:
         return None
-    # the rotation about the line of sight, with the lens that fits
-    scaled = scale_focal(camera, ratio)
-    rates = [r for r in (estimate_rates(scaled, segment) for segment in segments) if r is not None]
-    slopes = _fit_slopes(gyro, rates, clock) if rates else None
+    if abs(ratio - 1) > FOCAL_OFF:  # the rotation about the line of sight, with the lens that fits
+        scaled = scale_focal(camera, ratio)
+        rates = [r for r in (estimate_rates(scaled, segment) for segment in segments) if r is not None]
+        slopes = _fit_slopes(gyro, rates, clock) if rates else None
     roll = None if slopes is None or slopes.about.half > _MOST_HALF_WIDTH else slopes.about
     return FocalRatio(
         ratio=ratio,
@@ -153,7 +156,7 @@ def _estimate_without_depth(
     """
     if len(parts) < _MIN_PARTS:
         return None
-    coarse = _compare_epipolar(camera, parts, COARSE).sum(axis=0)
+    coarse = _compare_epipolar(camera, parts, COARSE, every=_COARSE_PAIRS).sum(axis=0)
     start = find_minimum(COARSE, coarse)
     if start is None:
         return None
@@ -167,13 +170,15 @@ def _estimate_without_depth(
     return known[0], known[0] * math.sqrt((len(parts) - 1) * float(np.var(np.log(known[1:])))), len(parts)
 
 
-def _compare_epipolar(camera: CameraCalibration, parts: Sequence[InertialPart], factors: Array) -> Array:
-    """(P, F) what the features of P parts leave over with F multiples of the focal length."""
+def _compare_epipolar(
+    camera: CameraCalibration, parts: Sequence[InertialPart], factors: Array, *, every: int = 1
+) -> Array:
+    """(P, F) what the features of P parts leave over with F multiples of the focal length; by every n-th pair."""
     costs = np.zeros((len(parts), len(factors)))
     for column, factor in enumerate(factors):
         scaled, direction = scale_focal(camera, float(factor)), np.array([0.0, 0.0, 1.0])
         for row, part in enumerate(parts):
-            for tracks, (before, after) in zip(part.pairs, part.R_start_cam):
+            for tracks, (before, after) in zip(part.pairs[::every], part.R_start_cam[::every]):
                 cost, direction = find_epipolar_cost(scaled, tracks, after.T @ before, direction)
                 costs[row, column] += cost
     return costs

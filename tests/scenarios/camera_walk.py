@@ -121,10 +121,10 @@ class CameraWalk:
         return segments
 
     def _see(self, rng, t):
-        """120 points in the world on the floor, at the walls or on one wall ahead."""
+        """70 points in the world on the floor, at the walls or on one wall ahead."""
         R, p = self.pose(np.array([t]))
-        pixels = rng.uniform((20, 20), (SIZE[0] - 20, SIZE[1] - 20), (120, 2))
-        rays = np.column_stack(((pixels - (np.array(SIZE) - 1) / 2) / FOCAL, np.ones(120))) @ LOOKS_AHEAD.T
+        pixels = rng.uniform((20, 20), (SIZE[0] - 20, SIZE[1] - 20), (70, 2))
+        rays = np.column_stack(((pixels - (np.array(SIZE) - 1) / 2) / FOCAL, np.ones(70))) @ LOOKS_AHEAD.T
         rays = R.apply(rays)
         place = p[0] + R.apply(np.array(self.arm))[0]
         if self.flat:
