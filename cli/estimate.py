@@ -17,6 +17,7 @@ from stridetwin.outputs.feeding import EstimatorClass, Instance, check_topics, i
 from stridetwin.outputs.parameters import ParameterValues, check_used, parse_parameters, with_parameters
 from stridetwin.outputs.pose_feed import default_odometry, replay
 from stridetwin.outputs.registry import estimators, kind_of
+from stridetwin.scenarios.camera_report import report_cameras
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.imu_table import read_imu_tables
 from stridetwin.streams.formats.measured_calibration import measure_imu
@@ -118,6 +119,7 @@ def _run_on_source(
     progress("estimate", 0.0)
     recording = open_source(arguments)
     instance = with_parameters(instance_for(estimator_class, recording, options), parameters)
+    report_cameras(recording, _list_used(instance, arguments, kind), lenient=arguments.lenient)
     if not kind.takes_poses:
         return kind.run(instance, recording, progress), [], ""
     check_topics(instance, recording)
@@ -126,6 +128,15 @@ def _run_on_source(
     # one instance gives one pair of kind and outputs
     ((_, outputs),) = replay(instances, recording, poses.path, poses.camera, progress=progress)
     return outputs, [], poses.description
+
+
+def _list_used(instance: Instance, arguments: EstimateOptions, kind: AnyKind) -> set[str]:
+    """Topics of the streams that an estimator takes, and those of the odometry that supplies its poses."""
+    used = {stream.topic for stream in instance.streams}
+    if kind.takes_poses and arguments.poses is None:
+        mounts = {topic.split("/")[1] for topic in used if topic.count("/") > 1}
+        used |= {f"/{mount}/color" for mount in mounts}
+    return used
 
 
 def options_of(

@@ -11,6 +11,7 @@ from pathlib import Path
 from stridetwin.cli.commands import CheckOptions, ExportOptions, ImportCommandOptions, ViewOptions
 from stridetwin.cli.options import ImportableOptions, Outcome, Progress
 from stridetwin.outputs.truth import true_frames, true_path
+from stridetwin.scenarios.camera_report import report_cameras
 from stridetwin.scenarios.check import check_recording, check_table
 from stridetwin.scenarios.files import stage_files
 from stridetwin.streams.errors import ConfigError, StrideTwinError, explain_import_error, install_hint
@@ -131,6 +132,7 @@ def _write_table(recording: Recording, output: Path, frame: str) -> dict[str, in
 def import_command(arguments: ImportCommandOptions, progress: Progress) -> Outcome:
     """Runs `import`: writes any source as a recording of ours, and lists its topics, assumptions and problems."""
     recording = open_source(arguments)
+    contradictions = report_cameras(recording, list(recording.topics), lenient=arguments.lenient)
     arguments.output.parent.mkdir(parents=True, exist_ok=True)
     write_recording(recording, arguments.output, lambda share: progress("import", share))
     topics = {t: {"kind": i.kind.__name__, "samples": i.count} for t, i in sorted(recording.topics.items())}
@@ -140,7 +142,7 @@ def import_command(arguments: ImportCommandOptions, progress: Progress) -> Outco
         "duration_s": recording.duration,
         "topics": topics,
         "unread": recording.unread,
-        "warnings": recording.warnings,
+        "warnings": [*recording.warnings, *contradictions],
         "problems": [str(p) for p in recording.problems],
     }
     lines = [f"{arguments.output}: {recording.duration:.1f} s of {data['kind']}"]
@@ -184,6 +186,7 @@ def view_command(arguments: ViewOptions, progress: Progress) -> Outcome:
     if not rerun_installed():
         raise StrideTwinError(f"rerun is not installed; the viewer needs it: {install_hint('view')}")
     recording = open_with_warnings(arguments.source, arguments.lenient)
+    report_cameras(recording, list(recording.topics), lenient=True)
     progress("rerun", 0.0)
     selection = Selection(frames=frozenset(true_frames(recording.topics)))
     of_kinds = list(evaluate_recording(recording, selection, progress=progress, in_two_processes=True))

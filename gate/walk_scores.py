@@ -24,6 +24,7 @@ from stridetwin.outputs.parameters import ParameterValues
 from stridetwin.outputs.path.evaluate import Result, evaluate
 from stridetwin.outputs.registry import estimators, kind_of, kinds
 from stridetwin.run.recording import Selection, evaluate_recording
+from stridetwin.scenarios.camera_report import report_cameras
 from stridetwin.scenarios.campaign import manifest
 from stridetwin.scenarios.campaign.walk import ACCEPTED, RECORDINGS
 from stridetwin.scenarios.files import sha256
@@ -168,6 +169,7 @@ def score_walk(
         scores |= scores_by_output(evaluations)
     else:
         try:
+            report_cameras(recording, _list_used(recording, job), lenient=job.lenient)
             for kind_results in _evaluate_installed(recording, job, progress):
                 evaluations.append(kind_results)
                 scores |= scores_by_output([kind_results])
@@ -181,6 +183,13 @@ def score_walk(
     if failed:
         row["failed"] = failed
     return row
+
+
+def _list_used(recording: Recording, job: ScoringJob) -> set[str]:
+    """Topics of the streams that the job's built-in estimators take from a recording."""
+    selection = Selection(only=job.only, parameters=job.parameters)
+    instances = [instance for kind in kinds() for instance in selection.instances(kind, recording)]
+    return {stream.topic for instance in instances for stream in instance.streams}
 
 
 def _evaluate_installed(recording: Recording, job: ScoringJob, progress: Progress | None) -> Iterator[KindEvaluations]:

@@ -4,11 +4,13 @@ The offset minimises the squared difference between the two rates, as Kelly and 
 sensors by their rotations alone. Its interval comes from a jackknife over short blocks of images (Efron and
 Tibshirani 1993, An Introduction to the Bootstrap, 11.5), because neighbouring rates share their errors. An offset
 counts only where the difference has one clear minimum: every offset farther away is significantly worse over the
-same blocks.
+same blocks. Offsets beyond `LARGEST_SHIFT_S` come from a search over the whole overlap (`clock_search`), and count only
+where they fit significantly better than the calibrated clock and every other candidate.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,13 +19,11 @@ from typing import TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.scenarios.image_rotation import Rates, rotation_rates
-from stridetwin.streams.recording.reader import Recording
+from stridetwin.scenarios.clock_search import find_shifts
+from stridetwin.scenarios.image_rotation import Rates
 from stridetwin.streams.rig import Board, CameraCalibration, Rig
 from stridetwin.streams.samples import Array, Block, Imu
 
-IMAGES, BATCH, MOST_SEGMENTS = 45, 3, 12
-"""Images of a segment, segments that are read at a time, and most segments of one recording."""
 LARGEST_SHIFT_S = 0.15
 """Shifts are tried up to this far on both sides of the calibrated one."""
 MOUNT_OFF_DEG = 5.0
@@ -34,6 +34,8 @@ shoes' estimator assumes of it."""
 _STEP_S = 0.0025  # between the shifts that are compared
 _PEAK_S = 0.02  # shifts farther from the best one have to be significantly worse
 _MIN_CORRELATION = 0.7  # correlation from which a result counts
+_MIN_FAR_CORRELATION = 0.8  # the same for an offset beyond `LARGEST_SHIFT_S`, which is one of very many
+_MIN_COVERED = 0.5  # share of the pairs of images during which the gyro has to run
 _MAX_HALF_WIDTH_S = 0.01  # half width up to which a result counts
 _MODEL_SD_S = 0.0008  # of exposure, low-pass and features: offsets of twelve catalogue walks (seeds below 1000)
 _BLOCK = 11  # pairs of images of a block
@@ -41,6 +43,7 @@ _MIN_BLOCKS = 6  # fewest blocks from which a clock is estimated
 _OUTLIER = 5.0  # times the median of the squared differences
 _MEDIAN_OF_SQUARED_NORMAL = 0.455  # of a standard normal variable
 _BETTER = 1.5  # ratio of costs from which another mount counts
+_AS_GOOD = 1.3  # ratio of costs up to which a usual mistake of the mount is as good as the best rotation
 _ROUNDS, _PRIOR_SHARE = 3, 0.001  # of the mount's alignment, and weight of the nominal mount in it
 _NORMAL_975 = 1.959964  # quantile of the standard normal distribution
 _SHOES = ("foot_l", "foot_r")  # bodies
@@ -59,7 +62,7 @@ class ClockRow(TypedDict):
     unexplained_s: float
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class CameraClock:
     """Clock and mount of a camera relative to those of its IMU.
 
@@ -71,6 +74,7 @@ class CameraClock:
         correlation: Of the two rates at the shift.
         mount_off_deg: Rotation of the mount that gives this correlation, 0 for the nominal mount.
         pairs: Pairs of images.
+        turn: (3, 3) that rotation: it maps the camera's nominal axes to its true ones.
     """
 
     imu: str
@@ -80,6 +84,7 @@ class CameraClock:
     correlation: float
     mount_off_deg: float
     pairs: int
+    turn: Array
 
     @property
     def unexplained_s(self) -> float:
@@ -122,106 +127,247 @@ def moving_board(rig: Rig, camera: CameraCalibration) -> Board | None:
     return next((b for b in rig.boards.values() if b.mount.body in _SHOES and b.mount.body != camera.mount.body), None)
 
 
-def camera_clock(recording: Recording, camera: CameraCalibration, gyro: Block[Imu]) -> CameraClock | None:
-    """Clock and mount of one camera relative to the IMU on its body.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GyroRates:
+    """Rates of a gyro in the axes of a camera as it is nominally mounted.
 
-    Segments of images are read in batches, those with the most varied rotation first, until the offset is certainly
-    above or below `CLOCK_OFFSET_S`.
-
-    Args:
-        recording: Recording with the images.
-        camera: Calibration of the camera.
-        gyro: All samples of the IMU.
-
-    Returns:
-        None where the two rates have no clear common peak (little rotation or texture, or a scene that moves along).
-    """
-    # rates of the gyro in the axes of the camera as it is nominally mounted, (M, 3) rad/s
-    T_body_imu = recording.rig.imu(camera.imu_topic).mount.T_body_sensor
-    R_cam_imu = camera.mount.T_body_sensor[:3, :3].T @ T_body_imu[:3, :3]
-    rate = gyro.columns["angular_rate"] @ R_cam_imu.T
-    segments = _most_varied_segments(recording.image_times(camera.topic), gyro.t_ns, rate)[:MOST_SEGMENTS]
-    clock, visual_rates = None, list[Rates]()
-    for start in range(0, len(segments), BATCH):
-        for first_image in segments[start : start + BATCH]:
-            segment_rates = rotation_rates(recording, camera, first_image, IMAGES)
-            if segment_rates is not None:
-                visual_rates.append(segment_rates)
-        clock = _estimate_clock(camera, gyro.t_ns, rate, visual_rates)
-        if clock is not None and abs(abs(clock.unexplained_s) - CLOCK_OFFSET_S) > clock.half_s:
-            break  # certainly above or below
-    return clock
-
-
-def _most_varied_segments(images: NDArray[np.int64], t: NDArray[np.int64], rate: Array) -> list[int]:
-    """Numbers of the first images of all segments, sorted by how much the rotation rate varies in them, most first.
-
-    The measure is the sum of the standard deviations of the three axes.
-
-    Args:
-        images: (N,) stamps of the images, ns.
-        t: (M,) stamps of the gyro, ns.
-        rate: (M, 3) rates of the gyro in the camera's axes, rad/s.
-    """
-    # segments that a further image follows; the rest at the end is left out, unless it is the only one
-    starts = range(0, max(1, len(images) - IMAGES), IMAGES)
-    spread: list[float] = []
-    for start in starts:
-        first, last = images[start], images[min(start + IMAGES, len(images) - 1)]
-        segment_rate = rate[(t >= first) & (t <= last)]
-        spread.append(float(segment_rate.std(axis=0).sum()) if len(segment_rate) > 1 else 0.0)
-    return [starts[int(i)] for i in np.argsort(spread, kind="stable")[::-1]]
-
-
-def _estimate_clock(
-    camera: CameraCalibration, t_ns: NDArray[np.int64], rate: Array, rates: Sequence[Rates]
-) -> CameraClock | None:
-    """The clock by the rates of some segments; None without a clear peak, or with too few blocks of images.
-
-    Gyro and images are compared at every shift, first with the nominal mount. A rotated mount (`_align_mounts`) is
-    taken instead if it is more than `MOUNT_OFF_DEG` off and the nominal one fits worse by the factor `_BETTER`, or not
-    at all.
-
-    Args:
-        camera: Calibration of the camera.
+    Attributes:
         t_ns: (M,) stamps of the gyro, ns.
-        rate: (M, 3) rates of the gyro in the camera's nominal axes, rad/s.
-        rates: Rates from the images, one item for each segment.
+        rate: (M, 3) rad/s.
+        R_cam_imu: (3, 3) the nominal mount.
     """
-    # each segment is split into blocks of about `_BLOCK` pairs of images; `block_sizes` is the number of pairs of each
-    block_sizes: list[int] = []
+
+    t_ns: NDArray[np.int64]
+    rate: Array
+    R_cam_imu: Array
+
+    @classmethod
+    def of(cls, imu: Block[Imu], R_cam_imu: Array) -> GyroRates:
+        """The rates of an IMU on which a camera has the nominal rotation (3, 3)."""
+        return cls(t_ns=imu.t_ns, rate=imu.columns["angular_rate"] @ R_cam_imu.T, R_cam_imu=R_cam_imu)
+
+    def mean_between(self, spans: NDArray[np.int64], shifts: Array) -> Array:
+        """(S, N, 3) mean rates over N intervals between images, shifted by each of S shifts, rad/s.
+
+        Args:
+            spans: (N, 2) start and end of each interval by the camera's clock, ns.
+            shifts: (S,) s, added to them.
+        """
+        return _gyro_rates(spans, shifts, self.t_ns, self.rate)
+
+    def covers(self, spans: NDArray[np.int64], shift_s: float) -> NDArray[np.bool_]:
+        """(N,) whether the gyro runs during each of the intervals (N, 2), ns, that are shifted by `shift_s`."""
+        at = (spans - self.t_ns[0]) * 1e-9 + shift_s
+        return np.asarray((at[:, 0] >= 0) & (at[:, 1] <= (self.t_ns[-1] - self.t_ns[0]) * 1e-9))
+
+
+def split_blocks(rates: Sequence[Rates], pairs_of_block: int = _BLOCK) -> NDArray[np.intp]:
+    """(N,) number of the block of each pair of images: each segment is split into parts of about `pairs_of_block`."""
+    sizes: list[int] = []
     for segment in rates:
         pairs = np.arange(len(segment.rate))
-        block_sizes += [len(part) for part in np.array_split(pairs, max(1, round(len(pairs) / _BLOCK)))]
-    if len(block_sizes) < _MIN_BLOCKS:
+        sizes += [len(part) for part in np.array_split(pairs, max(1, round(len(pairs) / pairs_of_block)))]
+    return np.repeat(np.arange(len(sizes)), sizes)
+
+
+def estimate_clock(camera: CameraCalibration, gyro: GyroRates, rates: Sequence[Rates]) -> CameraClock | None:
+    """Clock and mount of a camera by the rates of some segments of its images.
+
+    Shifts around the calibrated one are compared first. A shift from the search over the whole overlap replaces the
+    best of them if it fits significantly better than that and than every other candidate.
+
+    Args:
+        camera: Its calibration.
+        gyro: Rates of the gyro.
+        rates: Rates from the images, one item for each segment.
+
+    Returns:
+        None where the two rates have no clear common peak (little rotation or texture, or a scene that moves along), or
+        with too few blocks of images.
+    """
+    if not rates:
         return None
-    block = np.repeat(np.arange(len(block_sizes)), block_sizes)  # (N,) number of the block of each pair
-    visual = np.concatenate([r.rate for r in rates])
-    shifts = camera.timeshift_cam_imu_s + np.arange(-LARGEST_SHIFT_S, LARGEST_SHIFT_S + _STEP_S / 2, _STEP_S)
-    # (S, N, 3) mean rates of the gyro between the images of each of N pairs, at S shifts
-    measured = _gyro_rates(np.concatenate([r.t_ns for r in rates]), shifts, t_ns, rate)
-    fit = _fit_shift(shifts, measured, visual, block)
-    off_deg = 0.0
-    # with a wrong nominal mount the two rates may agree only after a rotation of one of them:
-    # (S, 3, 3) best rotation at each shift, and (S,) its cost
-    rotations, costs = _align_mounts(measured, visual)
-    likely_shift = int(np.argmin(costs)) if fit is None else fit.at  # number of the most likely shift
-    if _angle_deg(rotations[likely_shift]) > MOUNT_OFF_DEG:
-        rotated = _fit_shift(shifts, measured @ rotations.transpose(0, 2, 1), visual, block)
-        off = 0.0 if rotated is None else _angle_deg(rotations[rotated.at])
-        if rotated is not None and off > MOUNT_OFF_DEG and (fit is None or rotated.cost * _BETTER < fit.cost):
-            fit, off_deg = rotated, off
-    if fit is None:
+    block = split_blocks(rates)  # (N,)
+    spans, visual = np.concatenate([r.t_ns for r in rates]), np.concatenate([r.rate for r in rates])
+    if block[-1] + 1 < _MIN_BLOCKS:
         return None
+    near = _fit_window(gyro, spans, visual, block, camera.timeshift_cam_imu_s)
+    windows = [near] if near is not None else []
+    for shift in find_shifts(spans, visual, gyro.t_ns, gyro.rate):
+        if abs(shift - camera.timeshift_cam_imu_s) > LARGEST_SHIFT_S:
+            window = _fit_window(gyro, spans, visual, block, float(shift))
+            windows += [window] if window is not None else []
+    window = _choose_window(near, windows, block)
+    if window is None or window.fit is None:
+        return None
+    turn = window.turn
+    if window.is_turned:
+        is_covered = gyro.covers(spans, window.fit.shift_s)
+        measured = gyro.mean_between(spans[is_covered], np.array([window.fit.shift_s]))[0]
+        turn = _find_usual_turn(turn, measured, visual[is_covered], gyro.R_cam_imu)
     return CameraClock(
         imu=camera.imu_topic,
-        shift_s=fit.shift_s,
-        half_s=fit.half_s,
+        shift_s=window.fit.shift_s,
+        half_s=window.fit.half_s,
         calibrated_s=camera.timeshift_cam_imu_s,
-        correlation=fit.correlation,
-        mount_off_deg=off_deg,
+        correlation=window.fit.correlation,
+        mount_off_deg=angle_deg(turn),
         pairs=len(visual),
+        turn=turn,
     )
+
+
+def exchange_axes() -> list[Array]:
+    """The 24 rotations (3, 3) that exchange or reverse axes, the identity first."""
+    orders, signs = itertools.permutations(range(3)), list(itertools.product((1.0, -1.0), repeat=3))
+    axes = [np.diag(sign) @ np.eye(3)[list(order)] for order in orders for sign in signs]
+    return [R for R in axes if np.linalg.det(R) > 0]
+
+
+def _find_usual_turn(turn: Array, measured: Array, visual: Array, R_cam_imu: Array) -> Array:
+    """The usual mistake of a mount that fits about as well as the best rotation, else that rotation.
+
+    A walk may turn a head about one axis alone, so that a rotation about that axis is anyone's guess; then a usual
+    mistake is likelier.
+
+    Args:
+        turn: (3, 3) rotation of the nominal mount that fits best.
+        measured: (N, 3) rates of the gyro in the camera's nominal axes, rad/s.
+        visual: (N, 3) rates from the images, rad/s.
+        R_cam_imu: (3, 3) the nominal mount.
+    """
+    a, b = measured - np.median(measured, axis=0), visual - np.median(visual, axis=0)
+
+    def square(R: Array) -> Array:
+        """(N,) squared differences with a rotation of the mount, (rad/s)²."""
+        return np.asarray(np.sum((a @ R.T - b) ** 2, axis=1))
+
+    best = square(turn)
+    most = _OUTLIER * float(np.median(best))
+    # the inverse of the nominal mount in its place, and exchanged axes
+    usual = [R for R in (R_cam_imu.T @ R_cam_imu.T, *exchange_axes()) if angle_deg(R) > MOUNT_OFF_DEG]
+    costs = [float(np.mean(np.minimum(square(R), most))) for R in usual]
+    least = int(np.argmin(costs))
+    if costs[0] <= _AS_GOOD * costs[least]:
+        least = 0  # of mistakes that are one and the same, and of those that look alike, the inverse is the likeliest
+    return usual[least] if costs[least] <= _AS_GOOD * float(np.mean(np.minimum(best, most))) else turn
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Window:
+    """Shifts around one of the candidates.
+
+    Attributes:
+        fit: The best of them; None unless there is a clear one.
+        turn: (3, 3) rotation of the mount with which it fits; the identity for the nominal one.
+        nominal: (N,) squared differences of the rates at the best shift with the nominal mount, (rad/s)²; NaN for pairs
+            of images during which the gyro does not run.
+        turned: (N,) likewise with the best rotation of the mount.
+    """
+
+    fit: _ShiftFit | None
+    turn: Array
+    nominal: Array
+    turned: Array
+
+    @property
+    def is_turned(self) -> bool:
+        """Whether the fit is one with another mount than the nominal one."""
+        return not np.array_equal(self.turn, np.eye(3))
+
+    @property
+    def squared(self) -> Array:
+        """(N,) the squared differences with the mount of the fit."""
+        return self.turned if self.is_turned else self.nominal
+
+
+def _choose_window(near: _Window | None, windows: Sequence[_Window], block: NDArray[np.intp]) -> _Window | None:
+    """The window with the clock: the one around the calibrated shift, unless another is significantly better than all.
+
+    Args:
+        near: The window around the calibrated shift; None if the gyro does not run there.
+        windows: All windows, that one among them.
+        block: (N,) number of the block of each pair.
+    """
+    far = [w for w in windows if w is not near and w.fit is not None and w.fit.correlation >= _MIN_FAR_CORRELATION]
+    if far:
+        best = min(far, key=lambda w: float(np.nanmean(_limit(w.squared))))
+        others = [w for w in windows if w is not best]
+        rivals = [w.nominal for w in others] + ([w.turned for w in others] if best.is_turned else [])
+        if all(_fits_better(best.squared, rival, block) for rival in rivals):
+            return best
+    return near
+
+
+def _limit(squared: Array) -> Array:
+    """Squared differences (N,), each up to `_OUTLIER` times their median."""
+    return np.asarray(np.minimum(squared, _OUTLIER * np.nanmedian(squared)))
+
+
+def _fits_better(squared: Array, rival: Array, block: NDArray[np.intp]) -> bool:
+    """Whether squared differences (N,) are significantly less than those of a rival, over the blocks of both."""
+    both = np.isfinite(squared) & np.isfinite(rival)
+    if not both.any():
+        return True
+    most = _OUTLIER * max(float(np.median(squared[both])), float(np.median(rival[both])))
+    more = np.minimum(rival[both], most) - np.minimum(squared[both], most)
+    _, number = np.unique(block[both], return_inverse=True)
+    by_block = np.asarray(np.bincount(number, more), float)
+    ratio = float(np.sum(np.minimum(rival[both], most)) / max(float(np.sum(np.minimum(squared[both], most))), 1e-30))
+    if len(by_block) < _MIN_BLOCKS:  # they hardly cover the same images
+        return ratio > _BETTER
+    return ratio > _BETTER and bool(_are_significantly_worse(by_block[:, None])[0])
+
+
+def _fit_window(
+    gyro: GyroRates, spans: NDArray[np.int64], visual: Array, block: NDArray[np.intp], centre_s: float
+) -> _Window | None:
+    """Compares gyro and images at the shifts around `centre_s`.
+
+    The nominal mount comes first. A rotated one (`_align_mounts`) is taken instead if it is more than `MOUNT_OFF_DEG`
+    off and the nominal one fits worse by the factor `_BETTER`, or not at all.
+
+    Args:
+        gyro: Rates of the gyro.
+        spans: (N, 2) stamps of both images of each pair, ns.
+        visual: (N, 3) rates from the images, rad/s.
+        block: (N,) number of the block of each pair.
+        centre_s: Shift in the middle, s.
+
+    Returns:
+        None if the gyro does not run during enough of the images.
+    """
+    is_covered = gyro.covers(spans, centre_s)
+    _, covered_block = np.unique(block[is_covered], return_inverse=True)  # numbered from 0 without gaps
+    if is_covered.mean() < _MIN_COVERED or covered_block[-1] + 1 < _MIN_BLOCKS:
+        return None
+    shifts = centre_s + np.arange(-LARGEST_SHIFT_S, LARGEST_SHIFT_S + _STEP_S / 2, _STEP_S)
+    measured, seen = gyro.mean_between(spans[is_covered], shifts), visual[is_covered]
+    fit = _fit_shift(shifts, measured, seen, covered_block)
+    turn = np.eye(3)
+    # with a wrong nominal mount the two rates may agree only after a rotation of one of them:
+    # (S, 3, 3) best rotation at each shift, and (S,) its cost
+    rotations, costs = _align_mounts(measured, seen)
+    turned = measured @ rotations.transpose(0, 2, 1)
+    likely_shift = int(np.argmin(costs)) if fit is None else fit.at  # number of the most likely shift
+    if angle_deg(rotations[likely_shift]) > MOUNT_OFF_DEG:
+        rotated = _fit_shift(shifts, turned, seen, covered_block)
+        off = 0.0 if rotated is None else angle_deg(rotations[rotated.at])
+        if rotated is not None and off > MOUNT_OFF_DEG and (fit is None or rotated.cost * _BETTER < fit.cost):
+            fit, turn = rotated, rotations[rotated.at]
+    squared = np.full((2, len(visual)), np.nan)
+    for row, rates in enumerate((measured, turned)):
+        squared[row, is_covered] = _find_least_residuals(rates, seen)
+    return _Window(fit=fit, turn=turn, nominal=squared[0], turned=squared[1])
+
+
+def _find_least_residuals(measured: Array, visual: Array) -> Array:
+    """(N,) squared differences of rates of the gyro (S, N, 3) and the images (N, 3) at the best shift, (rad/s)²."""
+    residual = measured - visual
+    residual = residual - np.median(residual, axis=1, keepdims=True)  # without the gyro's bias
+    squared = np.sum(residual**2, axis=2)
+    means = np.mean(np.minimum(squared, _OUTLIER * np.median(squared, axis=1, keepdims=True)), axis=1)
+    return np.asarray(squared[int(np.argmin(means))])
 
 
 def _gyro_rates(spans: NDArray[np.int64], shifts: Array, t_ns: NDArray[np.int64], rate: Array) -> Array:
@@ -292,7 +438,7 @@ def _fit_shift(shifts: Array, measured: Array, visual: Array, block: NDArray[np.
     # jackknife: (B,) best shift without each of the blocks
     minima = np.array([_parabola_minimum(shifts, total - block_cost) for block_cost in by_block])
     sd = math.hypot(math.sqrt((count - 1) * float(np.var(minima))), _MODEL_SD_S)
-    half = _student_quantile(count - 1) * sd
+    half = student_quantile(count - 1) * sd
     if half > _MAX_HALF_WIDTH_S:
         return None
     return _ShiftFit(shift_s=_parabola_minimum(shifts, total), half_s=half, at=at, cost=cost, correlation=correlation)
@@ -334,10 +480,10 @@ def _are_significantly_worse(additional: Array) -> NDArray[np.bool_]:
     """
     # (S,) standard error of the mean
     error = additional.std(axis=0, ddof=1) / math.sqrt(len(additional))
-    return np.asarray(additional.mean(axis=0) > _student_quantile(len(additional) - 1) * error)
+    return np.asarray(additional.mean(axis=0) > student_quantile(len(additional) - 1) * error)
 
 
-def _student_quantile(freedom: int) -> float:
+def student_quantile(freedom: int) -> float:
     """The 97.5 % quantile of Student's distribution (Abramowitz and Stegun 1972, 26.7.5).
 
     From 5 degrees of freedom on it is accurate to 0.1 %.
@@ -396,7 +542,7 @@ def _align_mounts(measured: Array, visual: Array) -> tuple[Array, Array]:
     return R, np.mean(np.minimum(squared, most), axis=1)
 
 
-def _angle_deg(R: Array) -> float:
+def angle_deg(R: Array) -> float:
     """Angle of a rotation matrix (3, 3), deg: arccos((tr R - 1) / 2)."""
     return math.degrees(math.acos(float(np.clip((np.trace(R) - 1) / 2, -1, 1))))
 

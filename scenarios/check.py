@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NotRequired, TypedDict, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.scenarios.camera_clock import CameraClock, ClockRow, camera_clock, moving_board
+from stridetwin.scenarios.camera_clock import CameraClock, ClockRow, moving_board
+from stridetwin.scenarios.camera_fit import fit_camera
 from stridetwin.sim.parts.library import full_scales
 from stridetwin.streams.errors import check_type
 from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
@@ -281,7 +282,7 @@ def _decode_images(recording: Recording) -> None:
 def _check_clocks(
     recording: Recording, gyros: Mapping[str, Block[Imu]], progress: Callable[[float], None]
 ) -> tuple[dict[str, CameraClock], list[Finding]]:
-    """Clock and mount of each camera with an IMU on its body, and the findings about them.
+    """Compares each camera with the IMU on its body: clock, mount, focal length and lever arm.
 
     Args:
         recording: The recording.
@@ -304,29 +305,14 @@ def _check_clocks(
             what = "its clock and mount were not checked: depth images alone do not show how it turns"
             findings.append(Finding(topic=camera.topic, what=what, is_error=False))
             continue
-        clock = camera_clock(recording, camera, gyros[camera.imu_topic])
-        if clock is None:
+        fit = fit_camera(recording, camera, gyros[camera.imu_topic])
+        findings += [Finding(topic=camera.topic, what=fault.text) for fault in fit.list_faults()]
+        if fit.clock is None:
             what = f"its clock and mount could not be checked with its images and the gyroscope of {camera.imu_topic}"
             findings.append(Finding(topic=camera.topic, what=what, is_error=False))
             continue
-        clocks[camera.topic] = clock
-        findings += [Finding(topic=camera.topic, what=what) for what in _clock_errors(clock)]
+        clocks[camera.topic] = fit.clock
     return clocks, findings
-
-
-def _clock_errors(clock: CameraClock) -> Iterator[str]:
-    """Yields a sentence for each error of a camera's clock or mount that its and the IMU's rotation rates reveal."""
-    if clock.mount_off_deg:
-        yield (
-            f"its mount differs by {clock.mount_off_deg:.0f}° from the calibration of it and {clock.imu}: "
-            f"only then do their rotation rates agree (correlation {clock.correlation:.2f}); "
-            "T_cam_imu may be inverted, or its axes exchanged"
-        )
-    if clock.is_off:
-        yield (
-            f"its clock differs by {clock.shift_s * 1e3:+.1f} ± {clock.half_s * 1e3:.1f} ms from that of {clock.imu}, "
-            f"in the calibration by {clock.calibrated_s * 1e3:+.1f} ms (t_imu = t_cam + shift)"
-        )
 
 
 def _check_topic(recording: Recording, topic: str, block: Block[S] | None) -> tuple[CheckedTopic, list[Finding]]:

@@ -6,6 +6,8 @@ With depth the rotation comes from perspective from n points, without it from th
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypedDict
 
@@ -43,6 +45,36 @@ _STATIONARY_PX, _ROTATION_PX, _INLIER_PX = 0.1, 0.15, 0.7
 explains them; and largest residual of an inlier."""
 
 
+_FARTHEST = 1e4
+"""Distance of a feature, in multiples of the motion between two images, up to which it tells front from back."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Tracks:
+    """Features that were tracked from one image to the next, which hold for any calibration of the camera.
+
+    Attributes:
+        t_ns: Stamps of both images.
+        before: (N, 2) pixels of the features in the first image, at the camera's own resolution.
+        after: (N, 2) likewise, in the next image.
+        depth: (N,) depths in the first image, m; 0 where unknown. None without a depth image.
+        tracked_px: Size of a pixel of the tracked images, which may be smaller, in pixels of the camera.
+    """
+
+    t_ns: tuple[int, int]
+    before: Array
+    after: Array
+    depth: Array | None
+    tracked_px: float
+
+    @property
+    def median_depth(self) -> float:
+        """Median of the known depths, m; NaN without any."""
+        if self.depth is None or not (self.depth > 0).any():
+            return math.nan
+        return float(np.median(self.depth[self.depth > 0]))
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rates:
     """Mean rotation rates of a camera between N pairs of consecutive images.
@@ -50,10 +82,14 @@ class Rates:
     Attributes:
         t_ns: (N, 2) stamps of both images.
         rate: (N, 3) rad/s, in the camera's axes.
+        shift: (N, 3) m, where the camera is at the second image, in its axes at the first; NaN without depth.
+        depth: (N,) m, median depth of the features; NaN without depth.
     """
 
     t_ns: NDArray[np.int64]
     rate: Array
+    shift: Array
+    depth: Array
 
 
 def rotation_rates(recording: Recording, camera: CameraCalibration, first: int, count: int) -> Rates | None:
@@ -68,24 +104,60 @@ def rotation_rates(recording: Recording, camera: CameraCalibration, first: int, 
     Returns:
         None if an image is damaged, which is a problem of its own, or no rotation is known.
     """
+    return estimate_rates(camera, track_segment(recording, camera, first, count))
+
+
+def track_segment(recording: Recording, camera: CameraCalibration, first: int, count: int) -> list[Tracks]:
+    """Tracks features through one segment of a camera's images.
+
+    Args:
+        recording: Recording with the images.
+        camera: Calibration of the camera, of which only the topics count.
+        first: Number of the first image.
+        count: Number of images.
+
+    Returns:
+        The tracks of each pair of images; a pair with too few features has none, and a segment with a damaged image,
+        which is a problem of its own, no pairs.
+    """
     times = recording.image_times(camera.topic)[first : first + count].tolist()
     depth_at = _depth_numbers(recording, camera)
-    features = _Features(camera)
-    spans, rates = [], []  # stamps of both images of each pair, ns, and (3,) rotation rate between them, rad/s
+    features = _Features(camera.width)
+    pairs = list[Tracks]()
     before = None  # stamp, grey image and depth image of the image before
     try:
         for number, t_ns in enumerate(times, first):
             grey = _to_small_grey(recording.images(camera.topic, [number])[0])
             if before is not None:
-                before_ns, before_grey, before_depth = before
-                rotation = features.rotation(before_grey, grey, before_depth)
-                if rotation is not None:
-                    spans.append((before_ns, t_ns))
-                    rates.append(rotation * 1e9 / (t_ns - before_ns))
+                tracks = features.track(before[1], grey, before[2], (before[0], t_ns))
+                pairs += [] if tracks is None else [tracks]
             before = t_ns, grey, _read_depth(recording, camera, depth_at.get(t_ns))
     except StrideTwinError:  # a damaged image
+        return []
+    return pairs
+
+
+def estimate_rates(camera: CameraCalibration, pairs: Sequence[Tracks]) -> Rates | None:
+    """The rates of a camera with a given calibration from the tracks of pairs of images.
+
+    Args:
+        camera: Its calibration, of which the lens counts.
+        pairs: Tracks of each pair.
+
+    Returns:
+        Those of the pairs whose rotation could be estimated; None without any.
+    """
+    spans, rates, shifts, depths = [], [], [], []
+    for tracks in pairs:
+        motion = _estimate_motion(camera, tracks)
+        if motion is not None:
+            spans.append(tracks.t_ns)
+            rates.append(motion[0] * 1e9 / (tracks.t_ns[1] - tracks.t_ns[0]))
+            shifts.append(motion[1])
+            depths.append(tracks.median_depth)
+    if not spans:
         return None
-    return Rates(t_ns=np.array(spans, np.int64), rate=np.array(rates)) if spans else None
+    return Rates(t_ns=np.array(spans, np.int64), rate=np.array(rates), shift=np.array(shifts), depth=np.array(depths))
 
 
 def _depth_numbers(recording: Recording, camera: CameraCalibration) -> dict[int, int]:
@@ -110,25 +182,28 @@ def _to_small_grey(image: Image | Depth) -> Grey:
 
 
 class _Features:
-    """Features that are tracked through a segment; they are replaced when too few are left."""
+    """Features that are tracked through a segment; they are replaced when too few are left.
 
-    def __init__(self, camera: CameraCalibration) -> None:
-        self._camera = camera
+    Args:
+        width: Of the camera's images, px.
+    """
+
+    def __init__(self, width: int) -> None:
+        """Starts without features, for images `width` pixels across before they are reduced."""
+        self._width = width
         self._tracked: NDArray[np.float32] = np.zeros((0, 1, 2), np.float32)  # pixels in the last image
 
-    def rotation(self, a: Grey, b: Grey, depth: DepthImage | None) -> Array | None:
-        """Rotation vector (3,) of the camera from one image to the next, rad, in the camera's own axes.
-
-        Without motion it is 0. Otherwise it comes from the first of these that succeeds: with depth, perspective from
-        n points; a rotation alone, if that explains the features; the essential matrix.
+    def track(self, a: Grey, b: Grey, depth: DepthImage | None, t_ns: tuple[int, int]) -> Tracks | None:
+        """Tracks the features from one image to the next.
 
         Args:
             a: First image, grey.
             b: Next image.
             depth: (H, W) depth of the first image, m, or None.
+            t_ns: Stamps of both images.
 
         Returns:
-            None if too few features could be tracked, or no method finds a rotation.
+            None if too few features could be tracked.
         """
         if len(self._tracked) < _REPLACED_BELOW:
             corners = cv2.goodFeaturesToTrack(a, _FEATURES, _CORNER_QUALITY, _CORNER_SPACING_PX)
@@ -141,17 +216,47 @@ class _Features:
         before, self._tracked = self._tracked[is_tracked], tracked[is_tracked]
         if len(before) < _MIN_TRACKS:
             return None
-        scale = a.shape[1] / self._camera.width  # the tracked images are smaller than the camera's
-        x, y = (_rays(points, self._camera, scale) for points in (before, self._tracked))
-        # x and y are (N, 2) normalised coordinates of the features in both images, and a pixel has this size in them
-        pixel = 1.0 / (self._camera.intrinsics[0] * scale)
-        if float(np.median(np.linalg.norm(x - y, axis=1))) < _STATIONARY_PX * pixel:
-            return np.zeros(3)  # at rest the essential matrix is not defined
-        R = _rotation_from_pnp(x, y, _depth_at(depth, before, scale), pixel) if depth is not None else None
-        R = _fit_rotation(x, y, pixel) if R is None else R
-        R = _rotation_from_essential(x, y, pixel) if R is None else R
-        # R maps points of a into b: the inverse of the camera's own rotation
-        return None if R is None else -np.asarray(cv2.Rodrigues(R)[0], float).ravel()
+        scale = a.shape[1] / self._width  # the tracked images are smaller than the camera's
+        return Tracks(
+            t_ns=t_ns,
+            before=_to_full_size(before, scale),
+            after=_to_full_size(self._tracked, scale),
+            depth=None if depth is None else _depth_at(depth, before, scale),
+            tracked_px=1.0 / scale,
+        )
+
+
+def _estimate_motion(camera: CameraCalibration, tracks: Tracks) -> tuple[Array, Array] | None:
+    """Motion of a camera from one image to the next.
+
+    Without motion in the image it is 0. Otherwise the rotation comes from the first of these that succeeds: with depth,
+    perspective from n points; a rotation alone, if that explains the features; the essential matrix.
+
+    Args:
+        camera: Its calibration, of which the lens counts.
+        tracks: Features in both images.
+
+    Returns:
+        Rotation vector (3,), rad, and position of the camera at the second image (3,), m, in its axes at the first; NaN
+        unless points with depth give it. None if no method finds a rotation.
+    """
+    # x and y are (N, 2) normalised coordinates of the features in both images, and a tracked pixel has this size there
+    x, y = (find_rays(points, camera) for points in (tracks.before, tracks.after))
+    pixel = tracks.tracked_px / camera.intrinsics[0]
+    if float(np.median(np.linalg.norm(x - y, axis=1))) < _STATIONARY_PX * pixel:
+        return np.zeros(3), np.zeros(3)  # at rest the essential matrix is not defined
+    motion = _motion_from_pnp(x, y, tracks.depth, pixel) if tracks.depth is not None else None
+    if motion is not None:
+        R, t = motion
+        return _invert_rotation(R), -R.T @ t
+    R_alone = _fit_rotation(x, y, pixel)
+    R_alone = _rotation_from_essential(x, y, pixel) if R_alone is None else R_alone
+    return None if R_alone is None else (_invert_rotation(R_alone), np.full(3, np.nan))
+
+
+def _invert_rotation(R: Array) -> Array:
+    """(3,) rotation vector of the camera, if R (3, 3) maps points of its axes before into those afterwards."""
+    return -np.asarray(cv2.Rodrigues(R)[0], float).ravel()
 
 
 def _fit_rotation(x: Array, y: Array, pixel: float) -> Array | None:
@@ -180,16 +285,17 @@ def _rotation_from_essential(x: Array, y: Array, pixel: float) -> Array | None:
         y: (N, 2) in the second image.
         pixel: Size of a pixel in normalised coordinates.
     """
-    # 0.999 is the probability with which RANSAC shall find the right matrix
-    E, inliers = cv2.findEssentialMat(x, y, np.eye(3), cv2.RANSAC, 0.999, _INLIER_PX * pixel)
+    # 0.999 is the probability with which the right matrix shall be found; this variant refines it with all inliers, and
+    # its rotations are six times more accurate than those of plain RANSAC
+    E, inliers = cv2.findEssentialMat(x, y, np.eye(3), cv2.USAC_ACCURATE, 0.999, _INLIER_PX * pixel)
     if E is None or E.shape != (3, 3):  # OpenCV stacks several solutions
         return None
-    count, R, _, _ = cv2.recoverPose(E, x, y, np.eye(3), mask=inliers)
+    count, R, *_ = cv2.recoverPose(E, x, y, np.eye(3), distanceThresh=_FARTHEST, mask=inliers)
     return np.asarray(R, float) if count >= _MIN_TRACKS else None
 
 
-def _rotation_from_pnp(x: Array, y: Array, z: Array, pixel: float) -> Array | None:
-    """(3, 3) rotation by perspective from n points with RANSAC; None with too few inliers.
+def _motion_from_pnp(x: Array, y: Array, z: Array, pixel: float) -> tuple[Array, Array] | None:
+    """Rotation (3, 3) and translation (3,), m, by perspective from n points with RANSAC; None with too few inliers.
 
     Depth separates rotation from sideways motion far better than rays alone.
 
@@ -204,10 +310,12 @@ def _rotation_from_pnp(x: Array, y: Array, z: Array, pixel: float) -> Array | No
         return None
     # (P, 3) m, the features in space, in the axes of the first image
     points = np.column_stack((x, np.ones(len(x))))[has_depth] * z[has_depth, None]
-    is_solved, rotation, _, inliers = cv2.solvePnPRansac(
+    is_solved, rotation, translation, inliers = cv2.solvePnPRansac(
         points, y[has_depth], np.eye(3), np.zeros(4), reprojectionError=_INLIER_PX * pixel
     )
-    return np.asarray(cv2.Rodrigues(rotation)[0], float) if is_solved and len(inliers) >= _MIN_TRACKS else None
+    if not is_solved or len(inliers) < _MIN_TRACKS:
+        return None
+    return np.asarray(cv2.Rodrigues(rotation)[0], float), np.asarray(translation, float).ravel()
 
 
 def _depth_at(depth: DepthImage, corners: NDArray[np.float32], scale: float) -> Array:
@@ -224,15 +332,19 @@ def _depth_at(depth: DepthImage, corners: NDArray[np.float32], scale: float) -> 
     return np.asarray(depth[at[:, 1].clip(0, height - 1), at[:, 0].clip(0, width - 1)], float)
 
 
-def _rays(pixels: NDArray[np.float32], camera: CameraCalibration, scale: float) -> Array:
-    """(N, 2) normalised image coordinates (x / z, y / z) without distortion.
+def _to_full_size(pixels: NDArray[np.float32], scale: float) -> Array:
+    """(N, 2) pixels at the camera's own resolution.
 
     Args:
         pixels: (N, 1, 2) pixels in the tracked, smaller image.
-        camera: Calibration of the camera.
         scale: Width of that image relative to the camera's own; pixel centres are at whole numbers.
     """
     # 0.5 moves from the centre of a pixel to its corner and back
-    points = (pixels.reshape(-1, 1, 2).astype(np.float64) + 0.5) / scale - 0.5
+    return np.asarray((pixels.reshape(-1, 2).astype(np.float64) + 0.5) / scale - 0.5)
+
+
+def find_rays(pixels: Array, camera: CameraCalibration) -> Array:
+    """(N, 2) normalised image coordinates (x / z, y / z), without distortion, of pixels (N, 2) of a camera."""
     undistort = cv2.fisheye.undistortPoints if camera.distortion_model == "equidistant" else cv2.undistortPoints
+    points = pixels.reshape(-1, 1, 2)
     return np.asarray(undistort(points, camera.K, np.array(camera.distortion)), float).reshape(-1, 2)

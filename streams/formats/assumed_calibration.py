@@ -30,6 +30,11 @@ _GYRO_NOISE = math.radians(0.014)
 _GYRO_WALK = math.radians(10 / 3600) / 10
 _ACCEL_NOISE = 150e-6 * STANDARD_GRAVITY_MPS2
 _ACCEL_WALK = 40e-6 * STANDARD_GRAVITY_MPS2 / 10
+_OFF_CENTRE, _SAME_SCALE = 0.24, 0.05
+"""Share of half an image by which the centre of a lens may be off, and by which the two axes of another resolution may
+differ. Centres of public RGB-D and stereo cameras are within 12 %."""
+_DEVICE_M = 0.25
+"""Largest distance of camera and IMU on one head or chest unit, m: from a brow to the back of a head."""
 _FOCAL_PER_WIDTH = 525.0 / 640.0  # the first Kinect's, used by RGB-D datasets without a calibration
 
 
@@ -184,10 +189,16 @@ def _check_intrinsics(camera: CameraCalibration, notes: Notes) -> None:
     """Warns of a focal length or a principal point that no usual lens has for images of the camera's size."""
     fu, fv, pu, pv = camera.intrinsics
     is_lens = 0.2 < fu / camera.width < 5 and 0.5 < fu / fv < 2
-    is_central = 0.2 < pu / camera.width < 0.8 and 0.2 < pv / camera.height < 0.8
-    if not (is_lens and is_central):
-        size = f"{camera.width} x {camera.height}"
-        notes.warn(f"{camera.topic}: intrinsics {fu:g} {fv:g} {pu:g} {pv:g} are unusual for images of {size}")
+    # the centre in multiples of the middle of the image
+    across, down = (2 * pu + 1) / camera.width, (2 * pv + 1) / camera.height
+    is_central = abs(across - 1) < _OFF_CENTRE and abs(down - 1) < _OFF_CENTRE
+    if is_lens and is_central:
+        return
+    hint = ""
+    if not is_central and abs(across - down) < _SAME_SCALE * across:
+        hint = f"; are they of images of {round(2 * pu + 1)} x {round(2 * pv + 1)}? Multiply them by {1 / across:.3g}"
+    size = f"{camera.width} x {camera.height}"
+    notes.warn(f"{camera.topic}: intrinsics {fu:g} {fv:g} {pu:g} {pv:g} are unusual for images of {size}{hint}")
 
 
 def _check_distance(camera: CameraCalibration, imus: Mapping[str, ImuCalibration], notes: Notes) -> None:
@@ -197,10 +208,12 @@ def _check_distance(camera: CameraCalibration, imus: Mapping[str, ImuCalibration
         return
     distance = float(np.linalg.norm(camera.mount.T_body_sensor[:3, 3] - imu.mount.T_body_sensor[:3, 3]))
     if distance > FARTHEST_M:
-        notes.warn(
-            f"{camera.topic}: {distance:.3g} m from {camera.imu_topic}: expected up to {FARTHEST_M:g} m; "
-            f"{suggest_unit(distance)}"
-        )
+        expected = f"up to {FARTHEST_M:g} m; {suggest_unit(distance)}"
+    elif distance > _DEVICE_M:
+        expected = f"up to {_DEVICE_M:g} m on one device; is the translation of T_cam_imu in another unit?"
+    else:
+        return
+    notes.warn(f"{camera.topic}: {distance:.3g} m from {camera.imu_topic}: expected {expected}")
 
 
 def _add_depth(

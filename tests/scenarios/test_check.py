@@ -11,7 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.foreign_files import Walk, write_euroc
 from stridetwin.cli.main import main
+from stridetwin.scenarios.camera_report import report_cameras
 from stridetwin.scenarios.check import check_recording, check_table
+from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.formats.opening import open_any
 from stridetwin.streams.recording.reader import Recording, RecordingWriter
 from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, Rig
@@ -38,7 +40,11 @@ def inertial(gyro=None, t_ns=None):
     n = SECONDS * HZ
     rng = np.random.default_rng(3)
     gyro = rng.normal(0, 0.02, (n, 3)) if gyro is None else gyro
-    columns = {"angular_rate": gyro, "specific_force": rng.normal((0, 0, 9.81), 0.05, (n, 3))}
+    up, force = np.array([0, 0, 9.81]), []
+    for back in Rotation.from_rotvec(-gyro / HZ):
+        up = back.apply(up)
+        force.append(up)
+    columns = {"angular_rate": gyro, "specific_force": np.array(force) + rng.normal(0, 0.05, (n, 3))}
     t_ns = np.arange(n) * (10**9 // HZ) if t_ns is None else t_ns
     return Block(topic="/head/imu", kind=Imu, t_ns=t_ns, columns=columns)
 
@@ -113,7 +119,19 @@ def rendered(shift_s, with_depth, hz=(5 / 2 / np.pi, 3.1 / 2 / np.pi, 4.3 / 2 / 
     return gyro, images
 
 
-def check_of(tmp_path, gyro, images, *, with_depth=True, calibrated_s=0.0, turned=None, body="head", boards=None):
+def check_of(
+    tmp_path,
+    gyro,
+    images,
+    *,
+    with_depth=True,
+    calibrated_s=0.0,
+    turned=None,
+    body="head",
+    boards=None,
+    focal=200.0,
+    metadata=None,
+):
     """Check of a camera whose mount is calibrated turned by a rotation from the true one."""
     T = np.eye(4)
     T[:3, :3] = np.eye(3) if turned is None else turned.as_matrix()
@@ -124,14 +142,14 @@ def check_of(tmp_path, gyro, images, *, with_depth=True, calibrated_s=0.0, turne
         mount=Mount(body=body, T_body_sensor=T),
         width=160,
         height=120,
-        intrinsics=(200.0, 200.0, 79.5, 59.5),
+        intrinsics=(focal, focal, 79.5, 59.5),
         depth_topic="/head/depth" if with_depth else "",
         imu_topic="/head/imu",
         timeshift_cam_imu_s=calibrated_s,
     )
     imu = replace(imu_calibration(), mount=Mount(body=body))
     rig = Rig(imus={"/head/imu": imu}, cameras={camera.topic: camera}, boards=boards or {})
-    return checked(tmp_path / "a.mcap", rig, inertial(gyro), *images, jpeg_quality=None)
+    return checked(tmp_path / "a.mcap", rig, inertial(gyro), *images, jpeg_quality=None, metadata=metadata or {})
 
 
 @pytest.mark.parametrize("with_depth", [False, True])
@@ -157,6 +175,52 @@ def test_a_camera_whose_nominal_mount_is_wrong_is_invalid(tmp_path, with_depth, 
     assert clock["correlation"] > 0.9
     assert [w for w in errors(check) if "from the calibration of it and /head/imu" in w]
     assert check_table(check)[-1] == "invalid: see ERROR"
+
+
+def restamp(images, late_s):
+    return [replace(image, t_ns=image.t_ns + round(late_s * 1e9)) for image in images]
+
+
+@pytest.mark.parametrize("late_s", [0.4, 1.3])
+def test_a_clock_far_off_is_measured(tmp_path, late_s):
+    gyro, images = rendered(0.0, False)
+    check = check_of(tmp_path, gyro, restamp(images, late_s), with_depth=False)
+    assert check.data["camera_clocks"]["/head/color"]["shift_s"] == pytest.approx(-late_s, abs=0.003)
+    assert any("its clock differs by" in w for w in errors(check))
+
+
+def test_images_and_imu_that_share_no_time_are_named(tmp_path):
+    gyro, images = rendered(0.0, False)
+    (error,) = errors(check_of(tmp_path, gyro, restamp(images, 3600.0), with_depth=False))
+    assert "its images are from 3600.200 to 3605.765 s, /head/imu from 0.000 to 5.995 s" in error
+    assert "if -3600.00" in error
+    blank = [replace(image, pixels=np.full_like(image.pixels, 128)) for image in restamp(images, 3600.0)]
+    (error,) = errors(check_of(tmp_path, gyro, blank, with_depth=False))
+    assert error.endswith("expected stamps of one clock")
+
+
+def test_a_wrong_focal_length_is_an_error(tmp_path):
+    (error,) = errors(check_of(tmp_path, *rendered(0.0, False), with_depth=False, focal=150.0))
+    fitting = float(error.partition("focal lengths of about ")[2].partition(",")[0])
+    assert fitting == pytest.approx(200.0, rel=0.05)
+
+
+def test_an_imported_camera_is_looked_at_before_it_is_used(tmp_path, capsys):
+    check_of(tmp_path, *rendered(0.012, False), with_depth=False, metadata={"imported_from": "euroc"})
+    recording = Recording(tmp_path / "a.mcap")
+    (warning,) = report_cameras(recording, ["/head/color"], lenient=False)
+    assert "its clock differs by +11.8" in warning
+    assert warning in capsys.readouterr().err
+    assert report_cameras(recording, ["/head/imu"], lenient=False) == []
+
+
+def test_an_imported_camera_that_spoils_an_estimate_is_refused(tmp_path):
+    turned = Rotation.from_euler("z", 90, degrees=True)
+    check_of(tmp_path, *rendered(0.0, False), with_depth=False, turned=turned, metadata={"imported_from": "euroc"})
+    with pytest.raises(RecordingError, match="turned by 90° about its z axis"):
+        report_cameras(Recording(tmp_path / "a.mcap"), ["/head/color"], lenient=False)
+    check_of(tmp_path, *rendered(0.0, False), with_depth=False, turned=turned)
+    assert report_cameras(Recording(tmp_path / "a.mcap"), ["/head/color"], lenient=False) == []
 
 
 def test_a_camera_turned_by_less_than_can_be_measured_is_valid(tmp_path):

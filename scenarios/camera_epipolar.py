@@ -1,0 +1,61 @@
+"""How well features without depth agree with a known rotation of the camera: the epipolar constraint.
+
+With the rotation known, features of two images move along lines through one point, the epipole (Hartley and Zisserman
+2004, Multiple View Geometry, 9.3). The direction of the translation that leaves least is found by reweighted least
+squares, from several starts, as the cost has several minima.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stridetwin.scenarios.image_rotation import Tracks, find_rays
+from stridetwin.streams.rig import CameraCalibration
+from stridetwin.streams.samples import Array
+
+_NOISE_PX, _WORST_PX = 0.25, 1.0  # of tracked pixels: noise of a feature, and the distance from which it hardly counts
+_ROUNDS = 4
+_AHEAD = np.array([0.0, 0.0, 1.0])
+
+
+def find_epipolar_cost(camera: CameraCalibration, tracks: Tracks, R: Array, before: Array) -> tuple[float, Array]:
+    """What the features of a pair of images leave over with the best direction of the translation.
+
+    Args:
+        camera: Calibration of the lens.
+        tracks: The features.
+        R: (3, 3) rotation of points from the first image to the second.
+        before: (3,) direction of the translation of the pair before, another start.
+
+    Returns:
+        Sum of the squared distances from the epipolar lines in units of the noise, each limited; the direction (3,).
+    """
+    x, y = (
+        np.column_stack((find_rays(pixels, camera), np.ones(len(pixels)))) for pixels in (tracks.before, tracks.after)
+    )
+    turned = x @ R.T
+    normals = np.cross(turned, y)  # a translation is perpendicular to each of them
+    scale = camera.intrinsics[0] / (tracks.tracked_px * _NOISE_PX)
+    starts = (np.linalg.eigh(normals.T @ normals)[1][:, 0], _AHEAD, before)
+    return min((_refine(turned, normals, scale, start) for start in starts), key=lambda result: result[0])
+
+
+def _refine(turned: Array, normals: Array, scale: float, start: Array) -> tuple[float, Array]:
+    """Cost and direction (3,) of the translation after some rounds of reweighted least squares.
+
+    Args:
+        turned: (N, 3) rays of the first image in the axes of the second.
+        normals: (N, 3) cross products of these with the rays of the second image.
+        scale: Units of noise of a distance of 1 in normalised coordinates.
+        start: (3,) first direction.
+    """
+    most = (_WORST_PX / _NOISE_PX) ** 2
+    direction = start
+    for left in reversed(range(_ROUNDS + 1)):
+        lines = np.cross(direction, turned)
+        squared_norm = lines[:, 0] ** 2 + lines[:, 1] ** 2 + 1e-8
+        squared = (normals @ direction) ** 2 / squared_norm * scale**2
+        if left:
+            weight = 1 / squared_norm / (1 + squared / most)
+            direction = np.linalg.eigh((normals * weight[:, None]).T @ normals)[1][:, 0]
+    return float(np.sum(most * np.log1p(squared / most))), direction

@@ -1,0 +1,127 @@
+"""Clock, mount, focal length and lever arm of a camera by its motion and that of the IMU beside it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from camera_walk import FOCAL, CameraWalk
+from scipy.spatial.transform import Rotation
+
+from stridetwin.scenarios.camera_clock import GyroRates, estimate_clock
+from stridetwin.scenarios.camera_fit import describe_turn
+from stridetwin.scenarios.camera_focal import estimate_focal
+from stridetwin.scenarios.camera_lever import estimate_lever
+from stridetwin.scenarios.camera_motion import build_parts, prepare_parts
+from stridetwin.scenarios.image_rotation import estimate_rates
+
+
+class Fitted:
+    """What the motion of a walk says about a calibration.
+
+    Args:
+        walk: The walk.
+        focal: Calibrated focal length, px.
+        arm_off: By which the calibrated place is off, m.
+        readout_s: Calibrated readout.
+        shift_s: By which the images are stamped early.
+        has_depth: Whether the camera measures depth.
+        has_lens: Whether the focal length is estimated.
+    """
+
+    def __init__(
+        self, walk, *, focal=FOCAL, arm_off=(0, 0, 0), readout_s=0.0, shift_s=0.0, has_depth=True, has_lens=True
+    ):
+        imu, camera, T = walk.imu(), walk.camera(focal, readout_s), walk.T_imu_cam.copy()
+        T[:3, 3] += arm_off
+        early = round(shift_s * 1e9)
+        segments = [
+            [
+                replace(x, t_ns=(x.t_ns[0] - early, x.t_ns[1] - early), depth=x.depth if has_depth else None)
+                for x in segment
+            ]
+            for segment in walk.tracks()
+        ]
+        gyro = GyroRates.of(imu, T[:3, :3].T)
+        rates = [estimate_rates(camera, segment) for segment in segments]
+        self.clock = estimate_clock(camera, gyro, rates)
+        self.focal = self.lever = None
+        if not has_lens:
+            return
+        self.focal = estimate_focal(camera, T, imu, gyro, segments, rates, self.clock)
+        if has_depth:
+            parts = build_parts(camera, list(prepare_parts(T[:3, :3], imu, segments, self.clock.shift_s)))
+            self.lever = estimate_lever(parts, T, 3.0, readout_s)
+
+
+@pytest.mark.parametrize("is_flat", [False, True])
+def test_a_right_calibration_is_right(is_flat):
+    fit = Fitted(CameraWalk(seed=1, flat=is_flat))
+    assert abs(fit.clock.shift_s) < 0.002
+    assert fit.clock.mount_off_deg == 0.0
+    assert fit.focal.ratio == pytest.approx(1, abs=0.03)
+    assert not fit.focal.is_off
+    assert not fit.lever.is_off
+
+
+@pytest.mark.parametrize("factor", [0.7, 1.15])
+def test_a_wrong_focal_length_is_named(factor):
+    fit = Fitted(CameraWalk(seed=2), focal=factor * FOCAL)
+    assert fit.focal.ratio == pytest.approx(1 / factor, rel=0.03)
+    assert fit.focal.is_off
+    assert not fit.focal.is_gyro_off
+    assert not fit.clock.is_off
+
+
+def test_a_wrong_focal_length_without_depth_is_named():
+    fit = Fitted(CameraWalk(seed=2), focal=1.3 * FOCAL, has_depth=False)
+    assert fit.focal.ratio == pytest.approx(1 / 1.3, rel=0.03)
+    assert fit.focal.is_off
+
+
+def test_a_place_that_is_off_by_a_foot_is_seen():
+    fit = Fitted(CameraWalk(seed=3), arm_off=(0.0, 0.0, 0.3))
+    assert fit.lever.is_off
+    assert abs(fit.lever.measured[2] + 0.03) < fit.lever.half[2]
+    assert not fit.focal.is_off
+
+
+@pytest.mark.parametrize("calibrated_s", [0.0, 0.016])
+def test_a_rolling_shutter_is_no_other_place(calibrated_s):
+    fit = Fitted(CameraWalk(seed=4, readout_s=0.016), readout_s=calibrated_s)
+    assert fit.lever.readout_s == pytest.approx(0.016, abs=0.006)
+    assert not fit.lever.is_off
+    assert not fit.focal.is_off
+
+
+def test_depth_of_another_scale_is_no_other_place_or_lens():
+    fit = Fitted(CameraWalk(seed=5, depth_factor=1.4))
+    assert not fit.lever.is_off
+    assert not fit.focal.is_off
+
+
+@pytest.mark.parametrize("shift_s", [0.3, 3600.0, -1.7e9])
+def test_a_clock_is_found_wherever_it_is(shift_s):
+    fit = Fitted(CameraWalk(seed=6), shift_s=shift_s, has_lens=False)
+    assert fit.clock.shift_s == pytest.approx(shift_s, abs=0.003)
+    assert fit.clock.is_off
+
+
+INVERTIBLE = Rotation.from_euler("xyz", (-90, 0, -90), degrees=True).as_matrix()
+
+
+@pytest.mark.parametrize(
+    ("turn", "cause"),
+    [
+        (Rotation.from_euler("z", 90, degrees=True), "the camera is turned by 90° about its z axis"),
+        (Rotation.from_euler("x", -92, degrees=True), "the camera is turned by 90° about its x axis"),
+        (Rotation.from_euler("y", 180, degrees=True), "the camera is turned by 180° about its y axis"),
+        (Rotation.from_matrix(INVERTIBLE.T @ INVERTIBLE.T), "T_cam_imu is inverted"),
+        (Rotation.from_euler("z", 37, degrees=True), "T_cam_imu is of another camera or mount"),
+        (Rotation.from_rotvec(np.full(3, np.radians(120) / np.sqrt(3))), "its axes x, y, z are z, x, y of the calib"),
+    ],
+)
+def test_a_wrong_mount_has_a_name(turn, cause):
+    text = describe_turn(turn.as_matrix(), INVERTIBLE)
+    assert f"probably {cause}" in text
+    fitting = np.array(eval(text.partition("fits is ")[2].partition(", for")[0]))
+    np.testing.assert_allclose(fitting, turn.as_matrix() @ INVERTIBLE, atol=0.05)
