@@ -18,6 +18,7 @@ from argparse import Namespace
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict
+from itertools import repeat
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -25,11 +26,19 @@ from benchmarks.command import answer, command
 from benchmarks.implausible.clean import CleanCase, CleanTrial, check_clean
 from benchmarks.implausible.corruptions import CORRUPTIONS
 from benchmarks.implausible.files import FORMATS
-from benchmarks.implausible.trials import LEAST_CHANGE, RIGHT, SILENT, Case, Trial, draw_cases, try_case
+from benchmarks.implausible.trials import (
+    LEAST_CHANGE,
+    RIGHT,
+    SILENT,
+    Case,
+    Trial,
+    draw_cases,
+    list_clean_reports,
+    try_case,
+)
 from benchmarks.implausible.walks import build_walk
 from stridetwin.batch.processes import open_pool
 
-JobT = TypeVar("JobT")
 ResultT = TypeVar("ResultT")
 
 
@@ -37,11 +46,8 @@ def measure(arguments: Namespace) -> dict[str, Any]:
     """Trials of all cases, counts by corruption and format, and the clean recordings with false alarms."""
     with open_pool(arguments.workers) as pool, tempfile.TemporaryDirectory() as folder:
         cases = list(draw_cases(arguments.count, arguments.seed, Path(folder), arguments.only))
-        _build_walks(pool, cases, arguments.seed, Path(folder))
-        function = _try_and_estimate if arguments.estimate_all else try_case
-        trials = _run(pool, function, cases, "corruptions")
-        clean_cases = [CleanCase(number=i, seed=arguments.seed) for i in range(arguments.clean)]
-        clean = _run(pool, check_clean, clean_cases, "clean recordings")
+        trials = _try_cases(pool, cases, arguments.estimate_all)
+        clean = _run(pool, check_clean, [CleanCase(number=i, seed=arguments.seed) for i in range(arguments.clean)])
     return {
         "benchmark": "implausible",
         "seed": arguments.seed,
@@ -52,29 +58,36 @@ def measure(arguments: Namespace) -> dict[str, Any]:
     }
 
 
-def _try_and_estimate(case: Case) -> Trial:
-    return try_case(case, always_estimate=True)
-
-
-def _build_walks(pool: ProcessPoolExecutor, cases: Iterable[Case], seed: int, folder: Path) -> None:
-    """Generates the good walks that the cases need."""
-    needed = sorted({case.walk.stem for case in cases})
-    jobs = [stem.split("_") for stem in needed]
-    futures = [pool.submit(build_walk, body, int(number), seed, folder) for body, number in jobs]
-    for future in futures:
-        future.result()
+def _try_cases(pool: ProcessPoolExecutor, cases: Iterable[Case], always_estimate: bool) -> list[Trial]:
+    """Generates the good walks that the cases need, checks these, and then tries the cases; trials by number."""
+    # neighbours have the same walk and format, so that what a process keeps of these is used again
+    cases = sorted(cases, key=lambda case: (case.walk, case.form, case.number))
+    _run(pool, build_walk, sorted({case.walk for case in cases}), repeat(cases[0].seed if cases else 0))
+    recordings = sorted({(case.form, case.walk) for case in cases}, key=lambda r: (r[1], r[0]))
+    reports = _run(pool, list_clean_reports, *zip(*recordings)) if recordings else []
+    of_recording = dict(zip(recordings, reports))
+    clean_reports = [of_recording[case.form, case.walk] for case in cases]
+    trials = _run(pool, try_case, cases, clean_reports, repeat(always_estimate))
+    return sorted(trials, key=lambda trial: trial.number)
 
 
 def _run(
-    pool: ProcessPoolExecutor, function: Callable[[JobT], ResultT], jobs: Sequence[JobT], what: str
+    pool: ProcessPoolExecutor, function: Callable[..., ResultT], jobs: Sequence[object], *more: Iterable[object]
 ) -> list[ResultT]:
-    """Results of all jobs in their order; every half minute their number goes to stderr."""
+    """Results of a function for all jobs in their order; every half minute their number goes to stderr.
+
+    Args:
+        pool: Runs the jobs.
+        function: Takes a job, and an item of each of `more`.
+        jobs: First arguments.
+        more: Further arguments, an item for each job.
+    """
     results: list[ResultT] = []
     last = time.monotonic()
-    for result in pool.map(function, jobs):
+    for result in pool.map(function, jobs, *more):
         results.append(result)
         if time.monotonic() - last > 30:
-            print(f"{len(results)} of {len(jobs)} {what}", file=sys.stderr, flush=True)
+            print(f"{function.__name__}: {len(results)} of {len(jobs)}", file=sys.stderr, flush=True)
             last = time.monotonic()
     return results
 

@@ -14,7 +14,7 @@ from benchmarks.implausible.corruptions import CORRUPTIONS
 from benchmarks.implausible.files import FORMATS
 from benchmarks.implausible.trials import list_reports
 from benchmarks.implausible.walks import camera_parts, imu_parts, small_camera, take_walk
-from stridetwin.scenarios.check import check_recording
+from stridetwin.scenarios.check import Finding, check_recording
 from stridetwin.scenarios.record import make_twin, record
 from stridetwin.sim.config import Exo, Gait, Gaze, Level, Ramp, Route, Segment, Stairs, Turn, TwinConfig
 from stridetwin.sim.parts.library import load_part
@@ -66,21 +66,19 @@ def check_clean(case: CleanCase) -> CleanTrial:
         path = Path(folder) / "walk.mcap"
         record(make_twin(config, case.seed + case.number), path)
         recording = Recording(path, lenient=True)
-        alarms = [f"mcap: {f.text}" for f in check_recording(recording).findings]
+        alarms = [f"mcap: {f.text}" for f in check_recording(recording).findings if is_alarm(f)]
         body = "head" if case.has_camera else "foot"
         form = str(rng.choice([name for name, f in FORMATS.items() if f.body == body]))
         topic = f"/{config.rig_mount}/imu" if case.has_camera else f"/foot_{rng.choice(['l', 'r'])}/imu"
         source = FORMATS[form].write(Path(folder), take_walk(recording, topic))
-        alarms += [f"{form}: {text}" for text in list_reports(source)]
-    return CleanTrial(
-        seed=case.seed + case.number, part=part, form=form, alarms=tuple(text for text in alarms if is_alarm(text))
-    )
+        alarms += [f"{form}: {f.text}" for f in list_reports(source) if is_alarm(f)]
+    return CleanTrial(seed=case.seed + case.number, part=part, form=form, alarms=tuple(alarms))
 
 
-def is_alarm(report: str) -> bool:
-    """Whether a report on a good recording is false: it names a cause that this does not have."""
-    names_cause = any(corruption.is_named_by(report) for corruption in CORRUPTIONS.values())
-    return names_cause and not _TRUE.search(report)
+def is_alarm(report: Finding) -> bool:
+    """Whether a report on a good recording is false: an error, or a warning of a cause that this does not have."""
+    names_cause = any(corruption.is_named_by(report.text) for corruption in CORRUPTIONS.values())
+    return (report.is_error or names_cause) and not _TRUE.search(report.text)
 
 
 def draw_config(case: CleanCase, rng: np.random.Generator) -> tuple[TwinConfig, str]:

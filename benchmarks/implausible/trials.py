@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TypeVar
@@ -17,7 +17,7 @@ from benchmarks.implausible.files import FORMATS, Source
 from benchmarks.implausible.harm import compare_ground, compare_paths, follow_foot, follow_head, map_ground
 from benchmarks.implausible.walks import FEET, HEADS, Walk, load_walk
 from stridetwin.outputs.terrain.grid import GroundGrid
-from stridetwin.scenarios.check import check_recording
+from stridetwin.scenarios.check import Finding, check_recording
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.formats.opening import open_any
 from stridetwin.streams.recording.reader import Recording
@@ -105,21 +105,23 @@ def _is_selected(corruption: str, form: str, only: Sequence[str]) -> bool:
     return not only or any(text in (corruption, form, FORMATS[form].family) for text in only)
 
 
-def try_case(case: Case, always_estimate: bool = False) -> Trial:
+def try_case(case: Case, clean_reports: Collection[Finding], always_estimate: bool = False) -> Trial:
     """Corrupts, writes and checks a recording; estimates from it where nothing right was reported.
 
     Args:
         case: The case.
+        clean_reports: Those on the good recording, of `list_clean_reports`.
         always_estimate: Estimates in every case, which takes longer.
     """
     corruption = CORRUPTIONS[case.corruption]
     rng = np.random.default_rng([case.seed, case.number, 1])
     walk, what = corruption.edit(load_walk(case.walk), rng)
-    known = {_without_numbers(text) for text in find_clean_reports(case.form, case.walk)}
+    known = {_without_numbers(finding.text) for finding in clean_reports}
     change: float | None = None
     with tempfile.TemporaryDirectory() as folder:
         source = FORMATS[case.form].write(Path(folder), walk)
-        reports = [text for text in list_reports(source) if _without_numbers(text) not in known]
+        texts = [finding.text for finding in list_reports(source)]
+        reports = [text for text in texts if _without_numbers(text) not in known]
         if always_estimate or not _is_right(corruption, reports):
             change, refusals = _estimate_change(case, source, walk)
             reports += refusals
@@ -135,21 +137,21 @@ def try_case(case: Case, always_estimate: bool = False) -> Trial:
     )
 
 
-def list_reports(source: Source) -> list[str]:
-    """What opening and checking a recording reports: errors and warnings, without its path."""
+def list_reports(source: Source) -> list[Finding]:
+    """What opening and checking a recording reports: errors and warnings, without the path of its folder."""
     try:
         recording = open_any(source.path, lenient=True, options=source.options)
-        texts = [finding.text for finding in check_recording(recording).findings]
+        findings = list(check_recording(recording).findings)
     except StrideTwinError as error:
-        texts = str(error).split("\n")
-    return [text.replace(str(source.path.parent), "") for text in texts]
+        findings = [Finding(topic="", what=line) for line in str(error).split("\n")]
+    folder = str(source.path.parent)
+    return [replace(finding, what=finding.what.replace(folder, "")) for finding in findings]
 
 
-@lru_cache(maxsize=64)
-def find_clean_reports(form: str, walk: Path) -> tuple[str, ...]:
+def list_clean_reports(form: str, walk: Path) -> list[Finding]:
     """Reports on a good walk in a format, such as assumptions."""
     with tempfile.TemporaryDirectory() as folder:
-        return tuple(list_reports(FORMATS[form].write(Path(folder), load_walk(walk))))
+        return list_reports(FORMATS[form].write(Path(folder), load_walk(walk)))
 
 
 def _without_numbers(text: str) -> str:
@@ -211,7 +213,7 @@ def _try(estimate: Callable[[Recording], EstimateT], recording: Recording, refus
         return None
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=8)
 def _estimate_clean(form: str, walk: Path) -> _Estimates:
     """Estimates from a good walk in a format."""
     with tempfile.TemporaryDirectory() as folder:

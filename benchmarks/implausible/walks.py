@@ -136,9 +136,9 @@ def small_camera(name: str) -> Part:
     return replace(part, imager=imager)
 
 
-def foot_config(number: int) -> TwinConfig:
+def foot_config(number: int, seed: int) -> TwinConfig:
     """The walk number `number` of a foot's IMU alone, of ten seconds with a turn, and some with a stair."""
-    rng = np.random.default_rng([1, number])
+    rng = np.random.default_rng([seed, number, 3])
     parts = imu_parts()
     middle = (Stairs(risers=4, down=bool(number % 4 == 3)), Level(length_m=1.5)) if number % 2 else ()
     angle = float(rng.choice([-1, 1]) * rng.uniform(0.7, 1.6))
@@ -239,18 +239,21 @@ def _take_views(recording: Recording, camera: CameraCalibration, poses: _Poses) 
     )
 
 
-def build_walk(kind: str, number: int, seed: int, folder: Path) -> Path:
-    """Generates one of the good walks (`foot` or `head`) and stores it; returns the file, which `load_walk` reads."""
-    config = foot_config(number) if kind == "foot" else head_config(number)
-    walk = record_walk(config, seed)
-    file = folder / f"{kind}_{number}.pickle"
-    file.write_bytes(pickle.dumps(walk))
-    return file
+def build_walk(file: Path, seed: int) -> None:
+    """Generates a good walk, and stores it in a file, which `load_walk` reads.
+
+    Args:
+        file: Its name tells the walk, as in `foot_3.pickle`.
+        seed: Of the twin, and of a foot's way.
+    """
+    body, number = file.stem.split("_")
+    config = foot_config(int(number), seed) if body == "foot" else head_config(int(number))
+    file.write_bytes(pickle.dumps(record_walk(config, seed)))
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=2)  # images take much memory; jobs are sorted by their walks
 def load_walk(file: Path) -> Walk:
-    """A walk that `build_walk` of the same run has stored."""
+    """A walk that `build_walk` has stored in the same run."""
     walk = pickle.loads(file.read_bytes())
     assert isinstance(walk, Walk)
     return walk

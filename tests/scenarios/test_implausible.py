@@ -96,7 +96,7 @@ def test_a_corruption_changes_the_walk_alone(name, corruption):
 def test_a_reported_corruption_is_right(corruption, form, outcome, tmp_path):
     file = tmp_path / "foot_0.pickle"
     file.write_bytes(pickle.dumps(make_foot_walk()))
-    trial = try_case(Case(corruption=corruption, form=form, number=3, seed=1, walk=file))
+    trial = try_case(Case(corruption=corruption, form=form, number=3, seed=1, walk=file), ())
     assert trial.outcome == outcome
     assert trial.reports
 
