@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import tempfile
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,10 +21,13 @@ from stridetwin.sim.config import Exo, Gait, Gaze, Level, Ramp, Route, Segment, 
 from stridetwin.sim.parts.library import load_part
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.people import Person
+from stridetwin.sim.twin import Twin
+from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.recording.reader import Recording
 
 CAMERA_EVERY = 10
 """One of so many clean walks has the camera."""
+_MOST_DRAWS = 10
 _TRUE = re.compile(r"at the end of the range|could not be checked|were not checked|assumed|are joined|has no unit")
 """Of reports that are true of a good recording: clipping of a part's range, and what a format leaves open."""
 
@@ -61,18 +65,32 @@ class CleanCase:
 def check_clean(case: CleanCase) -> CleanTrial:
     """Generates a walk, and checks it as it is and in another format."""
     rng = np.random.default_rng([case.seed, case.number, 2])
-    config, part = draw_config(case, rng)
+    twin, part = _draw_twin(case, rng)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "walk.mcap"
-        record(make_twin(config, case.seed + case.number), path)
+        record(twin, path)
         recording = Recording(path, lenient=True)
         alarms = [f"mcap: {f.text}" for f in check_recording(recording).findings if is_alarm(f)]
         body = "head" if case.has_camera else "foot"
         form = str(rng.choice([name for name, f in FORMATS.items() if f.body == body]))
-        topic = f"/{config.rig_mount}/imu" if case.has_camera else f"/foot_{rng.choice(['l', 'r'])}/imu"
+        topic = f"/{twin.config.rig_mount}/imu" if case.has_camera else f"/foot_{rng.choice(['l', 'r'])}/imu"
         source = FORMATS[form].write(Path(folder), take_walk(recording, topic))
         alarms += [f"{form}: {f.text}" for f in list_reports(source) if is_alarm(f)]
     return CleanTrial(seed=case.seed + case.number, part=part, form=form, alarms=tuple(alarms))
+
+
+def _draw_twin(case: CleanCase, rng: np.random.Generator) -> tuple[Twin, str]:
+    """The twin of a walk that can be planned, and the part of interest; ways that nobody can walk are drawn again.
+
+    Raises:
+        StrideTwinError: None of many can be planned.
+    """
+    for _ in range(_MOST_DRAWS - 1):
+        config, part = draw_config(case, rng)
+        with suppress(StrideTwinError):
+            return make_twin(config, case.seed + case.number), part
+    config, part = draw_config(case, rng)
+    return make_twin(config, case.seed + case.number), part
 
 
 def is_alarm(report: Finding) -> bool:
@@ -126,5 +144,5 @@ def _draw_way(rng: np.random.Generator) -> Iterator[Segment]:
     elif what == "ramp":
         yield Ramp(angle_rad=float(rng.uniform(0.04, 0.15)), rise_m=0.15, down=down)
         yield Level(length_m=1.0)
-    yield Turn(angle_rad=float(rng.uniform(-1.6, 1.6)), radius_m=float(rng.uniform(0.5, 2.0)))
+    yield Turn(angle_rad=float(rng.uniform(-1.6, 1.6)), radius_m=float(rng.uniform(1.0, 2.0)))
     yield Level(length_m=float(rng.uniform(1.5, 3.0)))
