@@ -25,7 +25,7 @@ from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.recording.reader import Recording
 
-CAMERA_EVERY = 10
+CAMERA_EVERY = 15
 """One of so many clean walks has the camera."""
 _MOST_DRAWS = 10
 _TRUE = re.compile(r"at the end of the range|could not be checked|were not checked|assumed|are joined|has no unit")

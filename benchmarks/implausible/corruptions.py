@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -90,10 +90,15 @@ def scale_forces(walk: Walk, rng: np.random.Generator) -> tuple[Walk, str]:
     return _with_imu(walk, replace(walk.imu, force=factor * walk.imu.force)), name
 
 
-def draw_axes(rng: np.random.Generator) -> tuple[Array, str]:
-    """A matrix (3, 3) that swaps two axes, rotates all three, or mirrors one or all of them; and its description."""
+def draw_axes(rng: np.random.Generator, kinds: Sequence[str]) -> tuple[Array, str]:
+    """A matrix (3, 3) that swaps two axes, rotates all three, or mirrors one or all of them; and its description.
+
+    Args:
+        rng: Draws the kind and the axes.
+        kinds: Some of `swapped`, `rotated`, `mirrored` and `negated`.
+    """
     M = np.eye(3)
-    kind = str(rng.choice(["swapped", "rotated", "mirrored", "negated"]))
+    kind = str(rng.choice(kinds))
     if kind == "swapped":
         a, b = rng.choice(3, 2, replace=False)
         M[[a, b]] = M[[b, a]]
@@ -109,12 +114,16 @@ def draw_axes(rng: np.random.Generator) -> tuple[Array, str]:
 
 
 def change_axes_of_rates(walk: Walk, rng: np.random.Generator) -> tuple[Walk, str]:
-    M, name = draw_axes(rng)
+    M, name = draw_axes(rng, ["swapped", "rotated", "mirrored", "negated"])
     return _with_imu(walk, replace(walk.imu, rate=walk.imu.rate @ M.T)), name
 
 
 def change_axes_of_forces(walk: Walk, rng: np.random.Generator) -> tuple[Walk, str]:
-    M, name = draw_axes(rng)
+    """Forces with other axes than the rates; not all negated, which is the walk in a mirror: no IMU alone tells that.
+
+    A reflection M of space turns forces f into M f and rates w into det(M) M w, so that f becomes -f and w stays.
+    """
+    M, name = draw_axes(rng, ["swapped", "rotated", "mirrored"])
     return _with_imu(walk, replace(walk.imu, force=walk.imu.force @ M.T)), name
 
 
