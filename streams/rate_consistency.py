@@ -3,12 +3,12 @@
 A foot rests in each stance. From one rest to the next, rates and forces together must lead from speed 0 to speed 0.
 Rates of another unit, or with swapped or mirrored axes, do not: they leave gravity along wrong axes, which sums up to a
 speed. The rates are then corrected for each usual mistake in turn, and the mistake whose correction leaves the least is
-the likely cause.
+the likely cause. Sensors that do not rest, and mistakes that show from stride to stride alone, are left to
+`motion_consistency`.
 """
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import dataclass
 
@@ -16,7 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.streams.algebra.arrays import exp
+from stridetwin.streams.even_steps import average_between, integrate
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
+from stridetwin.streams.rate_corrections import list_corrections, shift_rates
 from stridetwin.streams.samples import Array, Stamps
 
 _REST_S = 0.15
@@ -26,13 +28,16 @@ _REST_FORCE_SD_MPS2, _REST_RATE_SHARE = 0.5, 0.06
 that their unit does not matter."""
 _MOVEMENT_S = (0.15, 3.0)
 """Shortest movement between two rests, and longest time from one rest to the next, s."""
-_FEWEST, _MOST = 3, 12
+_FEWEST, _MOST = 3, 30
 """Movements that are needed for a judgement, and that are looked at, spread over the recording."""
 _MISFIT_MPS2, _BETTER = 0.3, 0.5
 """Rates are inconsistent if they leave over more than this, and if a correction leaves less than this share of it."""
-_DEGREE = math.pi / 180
-_CLOCK_S = (-0.2, -0.1, -0.05, 0.05, 0.1, 0.2)
-"""Shifts of the rates against the forces that are tried, s."""
+_STEP_S = 0.01
+"""Step over which rates and forces are averaged, s: a foot turns by up to 0.2 rad in it."""
+_FIRST_LOOK, _REFINED = 8, 6
+"""Movements by which the best corrections are chosen, and how many of these are judged by all movements."""
+_CERTAIN_BETTER, _CERTAIN = 0.75, 5.0
+"""Or if it leaves less than this share over all movements, by this many standard errors of their mean."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +60,7 @@ class _Movements:
     """S movements between two rests, with L steps of time each; shorter ones end with steps of no duration.
 
     Attributes:
-        rates: (L, S, 3) without bias, in the middle of each step.
+        rates: (L, S, 3) without bias, mean of each step.
         forces: (L, S, 3) m/s², likewise.
         steps: (L, S) s.
         up: (S, 3) unit vectors against gravity at the start, in the sensor's axes there.
@@ -86,43 +91,45 @@ def find_rate_fault(t_ns: Stamps, specific_force: Array, angular_rate: Array) ->
         return None
     spans = [spans[k] for k in np.unique(np.linspace(0, len(spans) - 1, _MOST).round().astype(int))]
     rates = angular_rate - np.median(angular_rate[is_at_rest], axis=0)
-    movements = _cut_movements(t, specific_force, rates, spans)
-    as_recorded = float(compute_misfits(movements, np.eye(3)[None])[0])
+    recorded = compute_misfits(_cut_movements(t, specific_force, rates, spans), np.eye(3)[None])[0]
+    as_recorded = float(np.median(recorded))
     if as_recorded <= _MISFIT_MPS2:
         return None
-    causes = _list_causes()
-    misfits = compute_misfits(movements, np.stack([correction for _, correction in causes]))
-    best = int(np.argmin(misfits))
-    cause, corrected = causes[best][0], float(misfits[best])
-    for shift in _CLOCK_S:
-        shifted = np.column_stack([np.interp(t - shift, t, rates[:, k]) for k in range(3)])
-        misfit = float(compute_misfits(_cut_movements(t, specific_force, shifted, spans), np.eye(3)[None])[0])
-        if misfit < corrected:
-            when = "later" if shift > 0 else "earlier"
-            cause, corrected = f"the rates belong {1000 * abs(shift):.0f} ms {when} than they are stamped", misfit
-    if corrected >= _BETTER * as_recorded:
+    cause, misfits = _correct(t, specific_force, rates, spans)
+    corrected = float(np.median(misfits))
+    if corrected >= _BETTER * as_recorded and not _is_certainly_less(misfits, recorded):
         return None
     return RateFault(misfit_mps2=as_recorded, corrected_mps2=corrected, cause=cause)
 
 
-def _list_causes() -> list[tuple[str, Array]]:
-    """Usual mistakes, and the matrix (3, 3) by which rates are multiplied to correct each."""
-    causes = [
-        ("the rates are in °/s", _DEGREE * np.eye(3)),
-        ("the rates are in rad/s, and were taken for °/s", np.eye(3) / _DEGREE),
-        ("the rates are 1000 times too large", 1e-3 * np.eye(3)),
-        ("the rates are 1000 times too small", 1e3 * np.eye(3)),
-        ("the rates are twice too large", 0.5 * np.eye(3)),
-        ("the rates are twice too small", 2.0 * np.eye(3)),
-    ]
-    for order in itertools.permutations(range(3)):
-        for signs in itertools.product((1.0, -1.0), repeat=3):
-            axes = ", ".join(f"{'-' if sign < 0 else ''}{'xyz'[axis]}" for axis, sign in zip(order, signs))
-            if axes != "x, y, z":
-                cause = f"the axes x, y, z of the forces are {axes} of the rates"
-                # rows: axes of the forces; each entry picks an axis of the rates
-                causes.append((cause, np.diag(signs) @ np.eye(3)[list(order)]))
-    return causes
+def _correct(t: Array, force: Array, rates: Array, spans: list[tuple[int, int]]) -> tuple[str, Array]:
+    """The usual mistake whose correction leaves the least, and what it leaves over in each movement: (S,) m/s².
+
+    Args:
+        t: (N,) s.
+        force: (N, 3) m/s².
+        rates: (N, 3) rad/s without bias.
+        spans: First and last rows of S movements.
+    """
+    corrections = list_corrections()
+    turned, shifted = [c for c in corrections if not c.shift_s], [c for c in corrections if c.shift_s]
+    some = _cut_movements(t, force, rates, spans[:: max(1, len(spans) // _FIRST_LOOK)])
+    first_look = np.median(compute_misfits(some, np.stack([c.matrix for c in turned])), axis=1)
+    best = [turned[k] for k in np.argsort(first_look)[:_REFINED]]
+    misfits = [compute_misfits(_cut_movements(t, force, rates, spans), np.stack([c.matrix for c in best]))]
+    for correction in shifted:
+        movements = _cut_movements(t, force, shift_rates(t, rates, correction.shift_s), spans)
+        misfits.append(compute_misfits(movements, correction.matrix[None]))
+    every = np.concatenate(misfits)  # (H, S)
+    least = int(np.argmin(np.median(every, axis=1)))
+    return [*best, *shifted][least].cause, every[least]
+
+
+def _is_certainly_less(corrected: Array, recorded: Array) -> bool:
+    """Whether a correction leaves less in most of S movements (S,), by far more than chance."""
+    gains = np.log(recorded / corrected)  # (S,)
+    mean, error = float(gains.mean()), float(gains.std(ddof=1)) / math.sqrt(len(gains))
+    return mean > -math.log(_CERTAIN_BETTER) and mean > _CERTAIN * error
 
 
 def _find_rests(t: Array, force: Array, rate: Array) -> tuple[NDArray[np.bool_], Array]:
@@ -165,21 +172,22 @@ def _find_movements(t: Array, is_at_rest: NDArray[np.bool_], unrest: Array) -> l
 
 def _cut_movements(t: Array, force: Array, rate: Array, spans: list[tuple[int, int]]) -> _Movements:
     """Cuts the movements out of forces and rates (N, 3) at times (N,), by their first and last rows."""
-    length = max(last - first for first, last in spans)
-    rates, forces = np.zeros((length, len(spans), 3)), np.zeros((length, len(spans), 3))
-    steps, up = np.zeros((length, len(spans))), np.zeros((len(spans), 3))
-    for k, (first, last) in enumerate(spans):
-        n = last - first
-        rates[:n, k] = 0.5 * (rate[first:last] + rate[first + 1 : last + 1])
-        forces[:n, k] = 0.5 * (force[first:last] + force[first + 1 : last + 1])
-        steps[:n, k] = np.diff(t[first : last + 1])
+    counts = [max(1, round((t[last] - t[first]) / _STEP_S)) for first, last in spans]
+    shape = (max(counts), len(spans))
+    rates, forces, steps, up = np.zeros((*shape, 3)), np.zeros((*shape, 3)), np.zeros(shape), np.zeros((len(spans), 3))
+    rate_integrals, force_integrals = integrate(t, rate), integrate(t, force)
+    for k, ((first, last), n) in enumerate(zip(spans, counts)):
+        edges = np.linspace(t[first], t[last], n + 1)
+        rates[:n, k] = average_between(t, rate_integrals, edges)
+        forces[:n, k] = average_between(t, force_integrals, edges)
+        steps[:n, k] = np.diff(edges)
         gravity = force[max(first - 2, 0) : first + 3].mean(axis=0)
         up[k] = gravity / np.linalg.norm(gravity)
     return _Movements(rates=rates, forces=forces, steps=steps, up=up)
 
 
 def compute_misfits(movements: _Movements, corrections: Array) -> Array:
-    """Acceleration that rates and forces leave over, the median over the movements: (H,) m/s².
+    """Acceleration that rates and forces leave over in each movement: (H, S) m/s².
 
     The rates are integrated to rotations, the forces turned by them and summed up to a speed. What differs from the
     speed of a free fall against gravity, divided by the duration, is left over.
@@ -200,4 +208,4 @@ def compute_misfits(movements: _Movements, corrections: Array) -> Array:
         rotation = middle @ half
     duration = movements.steps.sum(axis=0)[:, None]
     left_over = speed / duration - NOMINAL_GRAVITY_MPS2 * movements.up
-    return np.asarray(np.median(np.linalg.norm(left_over, axis=2), axis=1))
+    return np.asarray(np.linalg.norm(left_over, axis=2))

@@ -140,8 +140,10 @@ def _to_imu_block(path: Path, sensor: str, parts: Mapping[str, TablePart], notes
             raise ConfigError(path, "stamps of forces and rates", f"{len(block)} in common", "stamps of one clock")
     if len(block) < MIN_ROWS:
         raise ConfigError(path, "rows with forces and rates", len(block), f"at least {MIN_ROWS}")
-    for implausible in find_implausible_values(block):  # the first one is the error
-        raise ConfigError(path, implausible.field, implausible.value, implausible.valid)
+    for implausible in find_implausible_values(block):  # the first error counts
+        if implausible.is_error:
+            raise ConfigError(path, implausible.field, implausible.value, implausible.valid)
+        notes.warn(f"{name}: {implausible}")
     return block
 
 

@@ -578,7 +578,10 @@ def _check_plausible(source: Source, notes: Notes) -> None:
             if len(sound) < _FEWEST:
                 continue
             for implausible in find_implausible_values(sound):
-                notes.add_problem(Problem(topic, int(sound.t_ns[0]), str(implausible)))
+                if implausible.is_error:
+                    notes.add_problem(Problem(topic, int(sound.t_ns[0]), str(implausible)))
+                elif source.kind != "table":  # whose reader has warned of it
+                    notes.warn(f"{topic}: {implausible}")
     for topic, images in source.images.items():
         rising = images.t_ns[is_increasing(images.t_ns)]
         if len(rising) < _FEWEST:
