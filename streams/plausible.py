@@ -133,7 +133,7 @@ def _find_implausible_forces(block: Block[Sample]) -> Iterator[Implausible]:
 
 
 def _find_implausible_gravity(block: Block[Sample]) -> Iterator[Implausible]:
-    """Yields an `Implausible` if the mean force of an IMU without rests is not gravity once the rates have turned it."""
+    """Yields an `Implausible` if the mean force of an IMU without rests, turned by the rates, is not gravity."""
     t_ns, force, rate = block.t_ns, block.columns["specific_force"], block.columns["angular_rate"]
     gravity = measure_gravity(t_ns, force, rate)
     if gravity is None or abs(gravity / NOMINAL_GRAVITY_MPS2 - 1) <= _REST_SPREAD:

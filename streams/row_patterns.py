@@ -28,9 +28,11 @@ _FEWEST_FROZEN = 3
 """Repeated rows in motion that are needed to be noticed."""
 _MOVES: Mapping[str, float] = {"accel": 0.1, "gyro": 0.01}
 """Least step of the row before a repeated one, m/s² or rad/s, in motion."""
+_JUMPS = 3.0
+"""Multiple of it by which the numbers go on after a longer run."""
 _ALIGNED, _ASIDE, _ABOVE_NOISE = 0.8, 0.4, 3.0
-"""Cosine of the slopes on both sides of a jump, share of it that may point elsewhere, and multiple of the noise that the
-slopes have, for a jump that is told from a strike."""
+"""Cosine of the slopes on both sides of a jump, share of it that may point elsewhere, and multiple of the noise
+that the slopes have, for a jump that is told from a strike."""
 _JUMP, _WIDE_JUMP = 1.5, 2.5
 """Steps in one, from which on one row is missing, and from which on several are."""
 _FEWEST_JUMPS, _JUMP_SHARE = (5, 4), (0.005, 0.001)
@@ -112,7 +114,7 @@ def find_lacking(columns: Mapping[str, Array]) -> dict[str, Flags]:
 
 
 def find_frozen(columns: Mapping[str, Array]) -> Flags:
-    """Finds the rows that repeat all numbers of the row before while the sensor moves, as where a driver had no new one.
+    """Finds the rows that repeat all numbers of the row before in motion, as where a driver had no new ones.
 
     Noise never repeats; a coarse or noiseless sensor does so at rest, but neither moves before nor jumps afterwards.
 
@@ -134,7 +136,7 @@ def find_frozen(columns: Mapping[str, Array]) -> Flags:
         clear = np.maximum(_CLEAR * float(step[step > 0].min(initial=np.inf)), _MOVES[name])
         before = np.where(begins >= 2, step[np.maximum(begins - 2, 0)], 0.0)
         after = np.where(ends < count, step[np.minimum(ends, count - 1) - 1], 0.0)
-        jumps = np.where(sizes <= _SHORTEST_RUN, clear, np.maximum(clear, _FAST[name]))
+        jumps = np.where(sizes <= _SHORTEST_RUN, clear, np.maximum(clear, _JUMPS * _MOVES[name]))
         is_frozen |= (before > clear) & (after > jumps)
     if sizes[is_frozen].sum() < _FEWEST_FROZEN:
         return none
@@ -146,8 +148,8 @@ def find_frozen(columns: Mapping[str, Array]) -> Flags:
 def count_jumps(t_ns: Stamps, specific_force: Array, angular_rate: Array) -> int:
     """Number of steps without a gap in the stamps in which rates and forces both move on as if rows were missing.
 
-    Such a step points where the slopes on both sides of it point, and is longer than they are; a strike, which is also a
-    long step, points anywhere.
+    Such a step points where the slopes on both sides of it point, and is longer than they are; a strike, which is also
+    a long step, points anywhere.
 
     Args:
         t_ns: (N,) increasing stamps.

@@ -57,8 +57,8 @@ def leave_out_unmeasured(name: str, block: Block[SampleT], notes: Notes) -> Bloc
             flags[column] = held
     if not flags and (frozen := find_frozen(block.columns)).any():
         notes.warn(
-            f"{name}: {int(frozen.sum())} of {len(frozen)} rows repeat all numbers of the row before in motion, as of a "
-            "driver without new ones: left out"
+            f"{name}: {int(frozen.sum())} of {len(frozen)} rows repeat all numbers of the row before in motion, as of "
+            "a driver without new ones: left out"
         )
         return block[~frozen]
     if not flags:
