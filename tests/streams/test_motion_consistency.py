@@ -26,7 +26,8 @@ def cause_of(factor, seed=0, tilt_rad=0.4):
 
 def findings_of(t, force, rate):
     columns = {"specific_force": force, "angular_rate": rate}
-    return [str(f) for f in find_implausible_values(Block(topic="/head/imu", kind=Imu, t_ns=to_stamps(t), columns=columns))]
+    block = Block(topic="/head/imu", kind=Imu, t_ns=to_stamps(t), columns=columns)
+    return [str(finding) for finding in find_implausible_values(block)]
 
 
 @pytest.mark.parametrize("tilt_rad", [0.0, 0.1, 0.4])
