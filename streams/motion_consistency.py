@@ -25,7 +25,7 @@ _STEP_S, _PIECE_STEPS = 0.02, 12
 """Length of a step over which rates and forces are averaged, s, and steps of a piece, which are summed up at once."""
 _SMOOTH_PIECES = 4
 """Pieces over which the speed is averaged, 1 s: about a stride, in which a foot's own speed averages out."""
-_SPAN_S, _FEWEST_SPANS, _MOST_SPANS = (4.0, 12.0), 4, 16
+_SPAN_S, _FEWEST_SPANS, _MOST_SPANS = (3.0, 12.0), 4, 16
 """Shortest and longest span, s, how many of them a judgement needs, and most that are looked at, spread over the
 recording."""
 _LONGEST_GAP_S = 0.1

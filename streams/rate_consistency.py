@@ -96,14 +96,15 @@ def find_rate_fault(t_ns: Stamps, specific_force: Array, angular_rate: Array) ->
         not rest often enough to judge.
     """
     t = (t_ns - t_ns[0]) * 1e-9
-    is_at_rest, unrest = _find_rests(t, specific_force, angular_rate)
-    spans = _find_movements(t, is_at_rest, unrest)
+    spans, bias = _find_movements(t, specific_force, angular_rate)
+    if len(spans) < _FEWEST:  # a clock of its own may move the rests of the rates away from those of the forces
+        shifts = [c.shift_s for c in list_corrections() if 0 < abs(c.shift_s) < _LONGEST_SHIFT_S]
+        shifted = [_find_movements(t, specific_force, shift_rates(t, angular_rate, shift)) for shift in shifts]
+        spans, bias = max(shifted, key=lambda movements: len(movements[0]))
     if len(spans) < _FEWEST:
         return None
     spans = [spans[k] for k in np.unique(np.linspace(0, len(spans) - 1, _MOST).round().astype(int))]
-    if _turns_at_rest(t, angular_rate, spans):
-        return None
-    rates = angular_rate - np.median(angular_rate[is_at_rest], axis=0)
+    rates = angular_rate - bias
     recorded = compute_misfits(_cut_movements(t, specific_force, rates, spans), np.eye(3)[None])[0]
     as_recorded = float(np.median(recorded))
     if as_recorded <= _MISFIT_MPS2:
@@ -174,17 +175,25 @@ def _window_sd(values: Array, n: int) -> Array:
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
-def _find_movements(t: Array, is_at_rest: NDArray[np.bool_], unrest: Array) -> list[tuple[int, int]]:
-    """First and last row of each movement: from the stillest sample of a rest to that of the next one."""
+def _find_movements(t: Array, force: Array, rate: Array) -> tuple[list[tuple[int, int]], Array]:
+    """First and last row of each movement, and the rates at rest (3,) rad/s.
+
+    A movement goes from the stillest sample of a rest to that of the next one. A sensor that turns in what looks like
+    its rests has none.
+    """
+    is_at_rest, unrest = _find_rests(t, force, rate)
     changes = np.diff(np.pad(is_at_rest.astype(np.int8), 1))
     starts, ends = np.flatnonzero(changes == 1), np.flatnonzero(changes == -1)
     stillest = [int(start) + int(np.argmin(unrest[start:end])) for start, end in zip(starts, ends)]
     shortest, longest = _MOVEMENT_S
-    return [
+    spans = [
         (stillest[k], stillest[k + 1])
         for k in range(len(stillest) - 1)
         if t[starts[k + 1]] - t[ends[k] - 1] >= shortest and t[stillest[k + 1]] - t[stillest[k]] <= longest
     ]
+    if not spans or _turns_at_rest(t, rate, spans):
+        return [], np.zeros(3)
+    return spans, np.median(rate[is_at_rest], axis=0)
 
 
 def _turns_at_rest(t: Array, rate: Array, spans: list[tuple[int, int]]) -> bool:
@@ -216,7 +225,7 @@ def _cut_movements(t: Array, force: Array, rate: Array, spans: list[tuple[int, i
         forces[:n, k] = average_between(t, force_integrals, edges)
         steps[:n, k] = np.diff(edges)
         gravity = force[max(first - 2, 0) : first + 3].mean(axis=0)
-        up[k] = gravity / np.linalg.norm(gravity)
+        up[k] = gravity / max(float(np.linalg.norm(gravity)), 1e-9)  # rows of zeros have none
     return _Movements(rates=rates, forces=forces, steps=steps, up=up)
 
 
