@@ -358,7 +358,8 @@ def _check_topic(recording: Recording, topic: str, block: Block[S] | None) -> tu
             findings.append(Finding(topic=topic, what=what, is_error=is_error))
     if block is not None and info.count >= _MIN_SAMPLES:
         row["force_m_s2"], row["rests"] = force_at_rest(t_ns, block.columns["specific_force"])
-        findings += [Finding(topic=topic, what=str(implausible)) for implausible in find_implausible_values(block)]
+        for implausible in find_implausible_values(block):
+            findings.append(Finding(topic=topic, what=str(implausible), is_error=implausible.is_error))
         if topic.startswith("/foot_") and block.kind is Imu and not row["rests"]:
             what = "never rests as a foot does in every stance, so that foot_ins has no path; is it worn on a foot?"
             findings.append(Finding(topic=topic, what=what, is_error=False))
@@ -366,8 +367,10 @@ def _check_topic(recording: Recording, topic: str, block: Block[S] | None) -> tu
 
 
 def _is_known(recording: Recording, finding: Finding) -> bool:
-    """Whether the recording's own problems already include a finding: one of the same topic that contains its text."""
-    return any(problem.topic == finding.topic and finding.what in problem.what for problem in recording.problems)
+    """Whether the recording has a finding already: as a problem of the same topic, or as a warning, with its text."""
+    if any(problem.topic == finding.topic and finding.what in problem.what for problem in recording.problems):
+        return True
+    return not finding.is_error and any(finding.what in warning for warning in recording.warnings)
 
 
 def _timing(t_ns: NDArray[np.int64]) -> Timing:

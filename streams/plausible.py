@@ -9,7 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2, STANDARD_GRAVITY_MPS2
+from stridetwin.streams.motion_consistency import find_motion_fault, mean_force, measure_gravity
 from stridetwin.streams.rate_consistency import find_rate_fault
+from stridetwin.streams.rate_corrections import IN_DEGREES
+from stridetwin.streams.row_patterns import QUANTITIES, count_jumps, find_frozen, find_held, find_lacking
 from stridetwin.streams.samples import Array, Block, Sample, Stamps
 
 IMU_RATES_HZ = (20.0, 5000.0)
@@ -22,19 +25,27 @@ _REST_S, _REST_SD, _FEWEST_AT_REST = 0.25, 0.3, 5
 """A rest: length of a window in s, most standard deviation of the force's magnitude in m/s², fewest samples."""
 _MOVING_SPREAD = (0.5, 2.0)
 """Least and largest median force in motion, in multiples of gravity."""
-_MOVING_SD = 1.0
-"""Standard deviation of the force from which on a sensor moves, m/s²."""
+_MOVING_SD_MPS2 = 1.0
+"""Standard deviation of the force's magnitude from which on a sensor moves."""
+_HELD_TOGETHER, _WITHOUT_GRAVITY = 0.7, 0.65
+"""Least share of the median force that its turned mean has, unless the rates are wrong; and share of gravity that the
+mean over 1 s does not reach where gravity was taken out."""
+_FEW_ROWS = 0.01
+"""Share of rows that are no measurements from which on an estimate suffers."""
 _FASTEST = 60.0  # rad/s: 3400 °/s, beyond what foot-worn gyros measure
 _LEAST_FAR_M, _MOST_FAR_M, _USUAL_FAR_M = 0.6, 15.0, 3.0
 _DEPTH_FACTORS = (5.0, 0.2, 10.0, 0.1, 2.0, 0.5, 1000.0, 0.001)
 """Factors between usual units of depth: 1/5000, 1/1000, 1/10000 and 1/2000 m, mm and m."""
+_NO_GRAVITY = "; has gravity been taken out? It must be the raw specific force"
 _HINTS = (
     ((0.8, 1.2), f"; is it in g? Multiply by {STANDARD_GRAVITY_MPS2}"),
     ((800.0, 1200.0), f"; is it in milli-g? Multiply by {STANDARD_GRAVITY_MPS2 / 1000}"),
-    ((0.0, 3.0), "; has gravity been taken out? It must be the raw specific force"),
     ((85.0, 110.0), "; is it in m/s², and was taken for g?"),
-    ((8_500.0, 11_000.0), "; is it in mg or mm/s², and was taken for g or m/s²?"),
+    ((8_000.0, 12_000.0), "; is it in mg or mm/s², and was taken for g or m/s²? Multiply mm/s² by 0.001"),
+    ((28.0, 36.0), "; is it in ft/s²? Multiply by 0.3048"),
+    ((0.0, 5.0), _NO_GRAVITY),
     ((200.0, math.inf), "; are they raw counts? Divide them by those of 1 g in the data sheet"),
+    ((5.0, math.inf), "; were the forces multiplied by the factor of another range, or are they raw counts?"),
 )
 """What may be wrong with a median force, by the range of its number; the first range that fits counts."""
 
@@ -47,11 +58,13 @@ class Implausible:
         field: The quantity.
         value: Its value.
         valid: Plausible values.
+        is_error: Whether it would spoil an estimate; otherwise it is worth a warning.
     """
 
     field: str
     value: str
     valid: str
+    is_error: bool = True
 
     def __str__(self) -> str:
         return f"{self.field}: invalid {self.value}: expected {self.valid}"
@@ -107,52 +120,116 @@ def force_at_rest(t_ns: Stamps, specific_force: Array) -> tuple[float, bool]:
 
 
 def find_implausible_values(block: Block[Sample]) -> Iterator[Implausible]:
-    """Yields what is implausible in the samples of an IMU or an accelerometer, as wrong units cause.
+    """Yields what is implausible in the samples of an IMU or an accelerometer, as wrong units and lost rows cause.
 
     Checked are the sample rate, the magnitude of the specific force (gravity ± 15 % at rest, 0.5 to 2 times gravity in
-    motion), the angular rate (up to 60 rad/s in 99.9 % of the values), and whether rates and forces of a sensor that
-    rests now and then agree, which shows a wrong unit, order, sign or clock of the rates.
+    motion, and gravity ± 15 % after the rates have turned it to fixed axes), the angular rate (up to 60 rad/s in
+    99.9 % of the values), and whether rates and forces agree, from one rest to the next or by the speed that they leave
+    over, which shows a wrong unit, order, sign or clock of the rates; and rows that are not measured, repeated or lost.
     """
     yield from find_implausible_rates(block.t_ns, IMU_RATES_HZ)
+    faults = [*_find_implausible_forces(block)]
+    yield from faults
+    if not faults and "angular_rate" in block.columns:  # wrong forces tell nothing of the rates
+        yield from _find_implausible_turning(block)
+    yield from _find_implausible_rows(block)
+
+
+def _find_implausible_forces(block: Block[Sample]) -> Iterator[Implausible]:
+    """Yields an `Implausible` if the forces are not about gravity at rest, in motion, or turned to fixed axes."""
     force, rests = force_at_rest(block.t_ns, block.columns["specific_force"])
     low, high = (1 - _REST_SPREAD, 1 + _REST_SPREAD) if rests else _MOVING_SPREAD
     if not low * NOMINAL_GRAVITY_MPS2 < force < high * NOMINAL_GRAVITY_MPS2:
         hint = next((text for (least, most), text in _HINTS if least <= force < most), "")
         where = " at rest" if rests else ""
         yield Implausible("accel", f"median magnitude {force:.3g}{where}", f"about 9.8 m/s²{hint}")
+    elif "angular_rate" in block.columns and not rests:
+        yield from _find_implausible_gravity(block)
+
+
+def _find_implausible_gravity(block: Block[Sample]) -> Iterator[Implausible]:
+    """Yields an `Implausible` if the mean force of an IMU without rests, turned by the rates, is not gravity."""
+    t_ns, force, rate = block.t_ns, block.columns["specific_force"], block.columns["angular_rate"]
+    gravity = measure_gravity(t_ns, force, rate)
+    if gravity is None or abs(gravity / NOMINAL_GRAVITY_MPS2 - 1) <= _REST_SPREAD:
+        return
+    magnitude = float(np.median(np.linalg.norm(force, axis=1)))
+    if gravity > _HELD_TOGETHER * magnitude:
+        ratio = gravity / NOMINAL_GRAVITY_MPS2
+        hint = f"; were the forces multiplied by {ratio:.2g}, as with the factor of another range?"
+    elif mean_force(t_ns, force) < _WITHOUT_GRAVITY * NOMINAL_GRAVITY_MPS2:
+        hint = _NO_GRAVITY
+    else:  # rates that turn the forces in all directions, which are judged elsewhere
+        return
+    yield Implausible("accel", f"mean of {gravity:.3g} once the rates have turned it", f"about 9.8 m/s²{hint}")
+
+
+def _find_implausible_turning(block: Block[Sample]) -> Iterator[Implausible]:
+    """Yields an `Implausible` if the rates of an IMU are too fast for a person, or contradict its forces."""
+    t_ns, force, rate = block.t_ns, block.columns["specific_force"], block.columns["angular_rate"]
+    if not np.ptp(rate, axis=0).any() and float(np.linalg.norm(force, axis=1).std()) > _MOVING_SD_MPS2:
+        yield Implausible("gyro", "the same rates in all rows", "measured rates, as the forces change; is it on?")
+        return
+    fastest = float(np.percentile(np.abs(rate), 99.9))
+    fault = find_rate_fault(t_ns, force, rate)
+    motion = find_motion_fault(t_ns, force, rate) if fault is None else None
+    cause = fault.cause if fault is not None else motion.cause if motion is not None else ""
+    if fastest > _FASTEST:
+        hint = f"probably {cause}" if cause and cause != IN_DEGREES else "is it in °/s? Multiply by 0.0174533"
+        yield Implausible("gyro", f"up to {fastest:.0f}", f"rad/s; {hint}")
+    elif fault is not None and not fault.cause:
+        yield Implausible(
+            "gyro",
+            f"rates that leave {fault.misfit_mps2:.2g} m/s² of the forces over from one rest to the next, much more "
+            "than usual, so that the path may be wrong",
+            "rates that agree with the forces; were they filtered, turned to other axes, or recorded by another clock?",
+            is_error=False,
+        )
+    elif fault is not None:
+        yield Implausible(
+            "gyro",
+            f"rates that leave {fault.misfit_mps2:.2g} m/s² of the forces over from one rest to the next",
+            f"rates that agree with the forces, with {fault.corrected_mps2:.2g} m/s²; probably {cause}",
+        )
+    elif motion is not None:
+        yield Implausible(
+            "gyro",
+            f"rates that turn the forces so that a speed of {motion.speed_mps:.2g} m/s is left over",
+            f"rates that agree with the forces, with {motion.corrected_mps:.2g} m/s; probably {cause}",
+        )
+
+
+def _find_implausible_rows(block: Block[Sample]) -> Iterator[Implausible]:
+    """Yields an `Implausible` for rows that are not measured, that repeat the row before, or that are missing."""
+    if not all(np.isfinite(values).all() for values in block.columns.values()):
+        return  # is reported elsewhere
+    for column, lacking in find_lacking(block.columns).items():
+        yield Implausible(
+            f"rows of {QUANTITIES[column]}",
+            f"zeros or a fill value in {int(lacking.sum())} of {len(lacking)} rows, unlike the rows around",
+            "a measurement in each row; does the driver write rows without one?",
+            is_error=float(lacking.mean()) > _FEW_ROWS,
+        )
+    frozen = find_frozen(block.columns)
+    for column in ("specific_force", "angular_rate"):
+        if column in block.columns and not frozen.any():
+            frozen = find_held(block.columns[column])
+    if frozen.any():
+        yield Implausible(
+            "rows",
+            f"the numbers of the row before in {int(frozen.sum())} of {len(frozen)} rows in motion",
+            "a measurement in each row; does the driver repeat the last one where it has none?",
+            is_error=float(frozen.mean()) > _FEW_ROWS,
+        )
     if "angular_rate" in block.columns:
-        fastest = float(np.percentile(np.abs(block.columns["angular_rate"]), 99.9))
-        fault = find_rate_fault(block.t_ns, block.columns["specific_force"], block.columns["angular_rate"])
-        if fastest > _FASTEST:
-            is_known = fault is not None and fault.cause
-            hint = f"probably {fault.cause}" if is_known and fault else "is it in °/s? Multiply by 0.0174533"
-            yield Implausible("gyro", f"up to {fastest:.0f}", f"rad/s; {hint}")
-        elif not np.ptp(block.columns["angular_rate"], axis=0).any() and force_sd(block) > _MOVING_SD:
-            yield Implausible("gyro", "the same rates in all rows", "measured rates, as the forces change; is it on?")
-        elif fault is not None and fault.cause:
+        jumps = count_jumps(block.t_ns, block.columns["specific_force"], block.columns["angular_rate"])
+        if jumps:
             yield Implausible(
-                "gyro",
-                f"rates that leave {fault.misfit_mps2:.2g} m/s² of the forces over from one rest to the next",
-                f"rates that agree with the forces, with {fault.corrected_mps2:.2g} m/s²; probably {fault.cause}",
+                "rows",
+                f"{jumps} steps in which rates and forces both go on as if rows were missing, which no stamp shows",
+                "a stamp of its own for each row; were packets lost, and the stamps counted or made even?",
+                is_error=False,
             )
-
-
-def force_sd(block: Block[Sample]) -> float:
-    """Standard deviation of the magnitude of the specific force of an IMU, m/s²."""
-    return float(np.linalg.norm(block.columns["specific_force"], axis=1).std())
-
-
-def find_doubt(block: Block[Sample]) -> str:
-    """What makes the samples of an IMU doubtful though no usual mistake explains it, for a warning; "" for nothing."""
-    if "angular_rate" not in block.columns:
-        return ""
-    fault = find_rate_fault(block.t_ns, block.columns["specific_force"], block.columns["angular_rate"])
-    if fault is None or fault.cause:
-        return ""
-    return (
-        f"rates leave {fault.misfit_mps2:.2g} m/s² of the forces over from one rest to the next, much more than usual: "
-        "the path may be wrong; were they filtered, turned to other axes, or recorded by another clock?"
-    )
 
 
 def find_implausible_depth(depths: Sequence[Array]) -> Iterator[Implausible]:

@@ -26,7 +26,7 @@ from stridetwin.streams.formats.imu_units import ACCEL, GYRO
 from stridetwin.streams.formats.imu_unmeasured import leave_out_unmeasured
 from stridetwin.streams.formats.text_rows import VALID_NUMBER
 from stridetwin.streams.formats.tum import LATEST_S
-from stridetwin.streams.plausible import find_doubt, find_implausible_values
+from stridetwin.streams.plausible import find_implausible_values
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.samples import LARGEST_NUMBER, Array, Block, Imu, Stamps
 
@@ -149,12 +149,12 @@ def _to_imu_block(path: Path, sensor: str, parts: Mapping[str, TablePart], notes
             raise ConfigError(path, "stamps of forces and rates", f"{len(block)} in common", "stamps of one clock")
     if len(block) < MIN_ROWS:
         raise ConfigError(path, "rows with forces and rates", len(block), f"at least {MIN_ROWS}")
-    for implausible in find_implausible_values(block):  # the first one is the error
-        raise ConfigError(
-            path, implausible.field, implausible.value, f"{implausible.valid}; {_ADVICE[implausible.field]}"
-        )
-    if doubt := find_doubt(block):
-        notes.warn(f"{name}: {doubt}")
+    for implausible in find_implausible_values(block):  # the first error counts
+        if implausible.is_error:
+            advice = _ADVICE.get(implausible.field)
+            valid = implausible.valid if advice is None else f"{implausible.valid}; {advice}"
+            raise ConfigError(path, implausible.field, implausible.value, valid)
+        notes.warn(f"{name}: {implausible}")
     return block
 
 

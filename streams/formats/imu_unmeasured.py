@@ -10,136 +10,16 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.formats.imu_bridging import FEWEST, LONGEST_S, SampleT, drop_repeated_rows
 from stridetwin.streams.recording.index import Notes
+from stridetwin.streams.row_patterns import QUANTITIES, Flags, find_frozen, find_held, find_lacking, find_stuck
 from stridetwin.streams.samples import Array, Block, Stamps
 
-QUANTITIES: Mapping[str, str] = {"specific_force": "accel", "angular_rate": "gyro"}
-"""Quantity of each column of an `Imu`."""
-
 _WHAT: Mapping[str, str] = {"accel": "forces", "gyro": "rates"}
-Flags = npt.NDArray[np.bool_]
-"""(N,) whether each row is meant."""
-_SHORTEST_RUN = 3
-"""Longest run of equal rows, in rows, that counts as no measurement beside any numbers that are clearly others."""
-_CLEAR = 8.0
-"""Steps of the numbers' resolution by which the rows around are others."""
-_FAST: Mapping[str, float] = {"accel": 2.0, "gyro": 0.5}
-"""By how much the rows at both ends of a longer run must be others, m/s² or rad/s."""
-_LEAST_ZEROS, _CLEARLY = 0.05, 3.0
-"""Share of rows with a zero on one axis that count as no measurement, and by how many usual steps the rows around are
-others."""
 _MOST_SHARE = 0.9
 """Share of rows without a measurement from which on the stream is refused."""
-_FEWEST_FILLS = 2
-_FEWEST_READINGS, _LEAST_HELD = 10, 0.02
-"""Readings in motion that must be held for several rows, and their share among all readings in motion."""
-_FROZEN_ROWS, _MOST_FROZEN = 5, 3
-"""Fewest equal rows that count as those of a sensor that stood still, if a jump is at one of their ends; and most runs
-of them without a jump, of a sensor whose noise lets no other row repeat."""
-_MOST_FILLS = 16
-"""Most values that are tried, the most frequent ones first."""
-_FAR = 2.0
-"""Multiple of the largest number from which on another one is a fill value, however often it occurs."""
-
-
-def find_unmeasured(quantity: str, values: Array) -> Flags:
-    """Finds the rows in which no axis of a quantity was measured.
-
-    Three cells that are no numbers are none, and so are rows in which one axis is 0 again and again, unlike the rows
-    around. Three equal numbers (zeros, or a fill value that occurs twice or is far from all others) are none if the
-    rows around are clearly others: by more than the resolution of the numbers in short runs and where measured rows
-    stand alone, by a fast movement in longer runs, since a gyroscope at rest may show zeros.
-
-    Args:
-        quantity: `accel` or `gyro`.
-        values: (N, 3) m/s² or rad/s.
-    """
-    empty = np.asarray(np.isnan(values).all(axis=1), bool)
-    for axis in range(values.shape[1]):
-        empty |= _find_zeros(values[:, axis])
-    finite = np.asarray(np.isfinite(values).all(axis=1), bool)
-    equal = finite & (values[:, 0] == values[:, 1]) & (values[:, 1] == values[:, 2])
-    if not equal.any() or len(values) < _SHORTEST_RUN:
-        return empty
-    result = empty.copy()
-    fills, counts = np.unique(values[equal, 0], return_counts=True)
-    for at in np.argsort(counts)[::-1][:_MOST_FILLS]:
-        fill, count = fills[at], counts[at]
-        if fill == 0.0 or count >= _FEWEST_FILLS or abs(fill) > _FAR * np.abs(values[finite & ~equal]).max(initial=0.0):
-            result |= _find_fills(quantity, values, equal & (values[:, 0] == fill), float(fill), ~equal & finite)
-    return result
-
-
-def _find_zeros(values: Array) -> Flags:
-    """The rows (N,) in which one axis alone is exactly 0 again and again, while the rows around it are clearly others.
-
-    Args:
-        values: (N,) numbers of one axis.
-    """
-    none: Flags = np.zeros(len(values), bool)
-    is_zero = values == 0.0
-    at = np.flatnonzero(~is_zero & np.isfinite(values))
-    if len(at) < 2 or np.count_nonzero(is_zero) < _LEAST_ZEROS * len(values):
-        return none
-    around = np.abs(np.interp(np.arange(len(values)), at, values[at]))
-    jumps = np.abs(np.diff(values[at]))
-    resolution = float(np.abs(values[at]).min())
-    begins, ends, runs = _find_runs(is_zero)
-    typical = float(np.median(jumps))  # between measured rows
-    for begin, end, length in zip(begins, ends, runs):
-        clear = around[begin:end].min()
-        none[begin:end] = length <= _SHORTEST_RUN and clear > _CLEAR * resolution and clear > _CLEARLY * typical
-    return none if np.count_nonzero(none) >= _LEAST_ZEROS * len(values) else np.zeros(len(values), bool)
-
-
-def find_held(values: Array) -> Flags:
-    """Finds the rows that only repeat the row before, as where a slower sensor is published as fast as another one.
-
-    Rows that repeat by chance, as of a coarse sensor at rest, are none: many rows must repeat in motion, where the
-    numbers change by far more than their resolution from one reading to the next.
-
-    Args:
-        values: (N, 3) m/s² or rad/s.
-    """
-    none: Flags = np.zeros(len(values), bool)
-    steps = np.abs(np.diff(values, axis=0)).max(axis=1, initial=0.0)  # (N - 1,); not a number beside empty rows
-    begins = np.concatenate(([0], np.flatnonzero(~(steps == 0.0)) + 1))  # first row of each reading
-    if len(begins) == len(values) or len(begins) < _FEWEST_READINGS:
-        return none
-    lengths = np.diff(np.append(begins, len(values)))
-    jumps = steps[begins[1:] - 1]  # from each reading to the next one
-    resolution = float(np.nanmin(jumps))
-    moves = np.concatenate(([False], (jumps[:-1] > _CLEAR * resolution) & (jumps[1:] > _CLEAR * resolution), [False]))
-    held = lengths[moves & (lengths > 1)]
-    if len(held) < _FEWEST_READINGS or len(held) < _LEAST_HELD * np.count_nonzero(moves):
-        return none
-    repeats: Flags = np.ones(len(values), bool)
-    repeats[begins] = False
-    return repeats & (np.repeat(lengths, lengths) <= 2 * np.median(held))
-
-
-def find_frozen(quantity: str, values: Array) -> Flags:
-    """Finds the rows that repeat the row before for long, up to a jump, as where a sensor or its driver stood still.
-
-    Args:
-        quantity: `accel` or `gyro`.
-        values: (N, 3) m/s² or rad/s.
-    """
-    steps = np.abs(np.diff(values, axis=0)).max(axis=1, initial=0.0)  # (N - 1,)
-    frozen: Flags = np.zeros(len(values), bool)
-    begins, ends, runs = _find_runs(np.concatenate(([False], steps == 0.0)))
-    is_rare = len(runs) <= _MOST_FROZEN and bool(np.all(runs >= _FROZEN_ROWS))  # noise lets no other row repeat
-    for begin, end, length in zip(begins, ends, runs):
-        before = steps[begin - 2] if begin > 1 else 0.0
-        after = steps[end - 1] if end - 1 < len(steps) else 0.0
-        is_inside = begin > 1 and end - 1 < len(steps) and bool(values[begin].any())
-        is_sudden = max(before, after) > _FAST[quantity] or (is_rare and is_inside)
-        frozen[begin:end] = length >= _FROZEN_ROWS and is_sudden
-    return frozen
 
 
 def leave_out_unmeasured(name: str, block: Block[SampleT], notes: Notes) -> Block[SampleT]:
@@ -163,34 +43,38 @@ def leave_out_unmeasured(name: str, block: Block[SampleT], notes: Notes) -> Bloc
         return block
     block = drop_repeated_rows(name, block, notes)
     flags: dict[str, Flags] = {}  # rows that lack, by column
+    lacking = find_lacking(block.columns)
     for column, quantity in QUANTITIES.items():
-        if column not in block.columns:
-            continue
-        lacking = find_unmeasured(quantity, block.columns[column])
-        if lacking.any():
+        if column in lacking:
             is_empty = np.isnan(block.columns[column]).all(axis=1)
-            _report(name, quantity, lacking, int(np.sum(is_empty)), notes)
-            flags[column] = lacking
-        elif (held := find_held(block.columns[column])).any():
+            _report(name, quantity, lacking[column], int(np.sum(is_empty)), notes)
+            flags[column] = lacking[column]
+        elif column in block.columns and (held := find_held(block.columns[column])).any():
             notes.warn(
                 f"{name}: {int(held.sum())} of {len(held)} rows repeat the {_WHAT[quantity]} of the row before, as of "
                 "a slower sensor: left out, and interpolated"
             )
             flags[column] = held
-        elif (frozen := find_frozen(quantity, block.columns[column])).any():
+        elif column in block.columns and (stuck := find_stuck(quantity, block.columns[column])).any():
             notes.warn(
-                f"{name}: {int(frozen.sum())} of {len(frozen)} rows repeat the same {_WHAT[quantity]} for long, as of "
+                f"{name}: {int(stuck.sum())} of {len(stuck)} rows repeat the same {_WHAT[quantity]} for long, as of "
                 f"a sensor that stood still: left out, and interpolated over up to {LONGEST_S:g} s"
             )
-            flags[column] = frozen
+            flags[column] = stuck
+    if not flags and (frozen := find_frozen(block.columns)).any():
+        notes.warn(
+            f"{name}: {int(frozen.sum())} of {len(frozen)} rows repeat all numbers of the row before in motion, as of "
+            "a driver without new ones: left out"
+        )
+        return block[~frozen]
     if not flags:
         return block
     columns = dict(block.columns)
     kept: Flags = np.ones(len(block), bool)
     if all(column in flags for column in columns if column in QUANTITIES):
         kept = ~np.all(list(flags.values()), axis=0)
-    for column, lacking in flags.items():
-        columns[column], is_near = _interpolate(block.t_ns, columns[column], lacking)
+    for column, unmeasured in flags.items():
+        columns[column], is_near = _interpolate(block.t_ns, columns[column], unmeasured)
         kept &= is_near
     return replace(block, columns=columns)[kept]
 
@@ -215,50 +99,6 @@ def _interpolate(t_ns: Stamps, values: Array, lacking: Flags) -> tuple[Array, Fl
     for axis in range(values.shape[1]):
         result[lacking, axis] = np.interp(since[lacking], known, values[at, axis])
     return result, is_near
-
-
-def _find_fills(quantity: str, values: Array, filled: Flags, fill: float, measured: Flags) -> Flags:
-    """The rows of a fill value whose neighbours are clearly others.
-
-    Args:
-        quantity: `accel` or `gyro`.
-        values: (N, 3) m/s² or rad/s.
-        filled: (N,) rows of the fill value.
-        fill: The value.
-        measured: (N,) rows that are surely measured, if any are.
-    """
-    none: Flags = np.zeros(len(values), bool)
-    at = np.flatnonzero(measured)
-    if len(at) < 2:
-        return none
-    places = np.arange(len(values))
-    # the deviation of each row from the value, interpolated between the measured rows around
-    around = np.stack([np.interp(places, at, values[at, axis] - fill) for axis in range(3)])
-    deviation = np.abs(around).max(axis=0)
-    sizes = np.abs(values[at])
-    resolution = float(sizes[sizes > 0].min(initial=np.inf))  # the least number that the sensor gives
-    begins, ends, runs = _find_runs(filled)
-    clear = np.array([deviation[b:e].min() if e > b else 0.0 for b, e in zip(begins, ends)])
-    is_short = runs <= _SHORTEST_RUN
-    if _stands_alone(measured) and len(begins) > 0:  # as a slower sensor in the rows of a faster one
-        is_short |= True
-    threshold = np.where(is_short, _CLEAR * resolution, _FAST[quantity])
-    for begin, end, counts in zip(begins, ends, clear > threshold):
-        none[begin:end] = counts
-    return none
-
-
-def _find_runs(filled: Flags) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """First row, row after the last one, and number of rows of each run."""
-    edges = np.diff(np.concatenate(([0], filled.astype(np.int8), [0])))
-    begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    return begins, ends, ends - begins
-
-
-def _stands_alone(measured: Flags) -> bool:
-    """Whether most of the measured rows have no measured neighbour."""
-    _, _, runs = _find_runs(measured)
-    return bool(len(runs)) and float(np.median(runs)) <= 1.0 and int(runs.sum()) < 2 * len(runs)
 
 
 def _report(name: str, quantity: str, lacking: Flags, empty: int, notes: Notes) -> None:

@@ -29,7 +29,6 @@ from stridetwin.streams.formats.unknown_folder import VIDEO, describe_parent, de
 from stridetwin.streams.kalibr import read_rig
 from stridetwin.streams.plausible import (
     IMAGE_RATES_HZ,
-    find_doubt,
     find_implausible_depth,
     find_implausible_rates,
     find_implausible_values,
@@ -623,9 +622,10 @@ def _check_plausible(source: Source, notes: Notes) -> None:
             if len(sound) < _FEWEST:
                 continue
             for implausible in find_implausible_values(sound):
-                notes.add_problem(Problem(topic, int(sound.t_ns[0]), str(implausible)))
-            if source.kind != "table" and (doubt := find_doubt(sound)):  # of tables it is reported before
-                notes.warn(f"{topic}: {doubt}")
+                if implausible.is_error:
+                    notes.add_problem(Problem(topic, int(sound.t_ns[0]), str(implausible)))
+                elif source.kind != "table":  # whose reader has warned of it
+                    notes.warn(f"{topic}: {implausible}")
     for topic, images in source.images.items():
         rising = images.t_ns[is_increasing(images.t_ns)]
         if len(rising) < _FEWEST:

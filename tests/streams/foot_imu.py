@@ -9,19 +9,20 @@ STRIDES, SWING_S, STANCE_S, STRIDE_M = 12, 0.6, 0.5, 1.2
 Array = NDArray[np.float64]
 
 
-def simulate_foot(seed: int = 0) -> tuple[Array, Array, Array]:
+def simulate_foot(seed: int = 0, noise: float = 1.0) -> tuple[Array, Array, Array]:
     """Twelve strides over level ground after 2 s at rest: t (N,) s, force (N, 3) m/s², rate (N, 3) rad/s.
 
     The foot pitches, rolls and turns in swing, so that every axis of the rate matters; x ahead, y left, z up at rest.
+    `noise` multiplies that of the sensor.
     """
     step_s = 1e-3  # of the differences
     t = np.arange(0.0, 2.0 + STRIDES * (SWING_S + STANCE_S) + 2.0, 1.0 / RATE_HZ)
     before, now, after = _poses(t - step_s), _poses(t), _poses(t + step_s)
     acceleration = (before[0] - 2.0 * now[0] + after[0]) / step_s**2 + [0.0, 0.0, 9.81]
     rate = (before[1].inv() * after[1]).as_rotvec() / (2.0 * step_s)
-    noise = np.random.default_rng(seed).normal
-    force = now[1].inv().apply(acceleration) + noise(0.0, 0.02, (len(t), 3))
-    return t, force, rate + noise(0.0, 0.002, (len(t), 3))
+    random = np.random.default_rng(seed).normal
+    force = now[1].inv().apply(acceleration) + noise * random(0.0, 0.02, (len(t), 3))
+    return t, force, rate + noise * random(0.0, 0.002, (len(t), 3))
 
 
 def _poses(t: Array) -> tuple[Array, Rotation]:

@@ -1,0 +1,19 @@
+"""Means of an inertial stream over even steps of time, from samples at any times."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stridetwin.streams.samples import Array
+
+
+def integrate(t: Array, values: Array) -> Array:
+    """Integrals (N, 3) of values (N, 3) from the first of the times (N,) s on, linear between the samples."""
+    areas = 0.5 * (values[1:] + values[:-1]) * np.diff(t)[:, None]
+    return np.concatenate([np.zeros((1, 3)), np.cumsum(areas, axis=0)])
+
+
+def average_between(t: Array, integrals: Array, edges: Array) -> Array:
+    """Means (M, 3) of a stream over the steps between edges (M + 1,) s, from its integrals (N, 3) at times (N,) s."""
+    at_edges = np.column_stack([np.interp(edges, t, integrals[:, axis]) for axis in range(3)])
+    return np.asarray(np.diff(at_edges, axis=0) / np.diff(edges)[:, None])
