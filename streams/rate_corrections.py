@@ -61,7 +61,7 @@ def list_corrections() -> list[Correction]:
 
 
 def correct_scale(factor: float) -> Correction:
-    """The correction of rates that fit the forces once they are multiplied by a factor, which the time may have, too."""
+    """The correction of rates that fit the forces once they are multiplied by a factor, or the time."""
     size, span = ("large", "long") if factor < 1 else ("small", "short")
     times = f"{max(factor, 1 / factor):.2g}"
     cause = f"the rates are {times} times too {size}, or the time between samples is {times} times too {span}"
