@@ -28,6 +28,8 @@ from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array, Block, Imu
 
+IMPORTED_FROM = "imported_from"
+"""Entry of the metadata of every recording that is another tool's, also after `import`."""
 IMAGES, BATCH, MOST_SEGMENTS = 45, 3, 12
 """Images of a segment, segments that are read at a time, and most segments of one recording."""
 QUICK_SEGMENTS = 6
@@ -54,10 +56,12 @@ class CameraFault:
     Attributes:
         text: What was seen, what is expected, the likely cause and what mends it.
         spoils: Whether it is more than an odometry mends by itself.
+        is_certain: Whether nothing else explains it.
     """
 
     text: str
     spoils: bool
+    is_certain: bool = True
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,6 +75,7 @@ class CameraFit:
         focal: Its focal length; None where the rotation does not show it.
         lever: Its lever arm; None without depth, or where clock, mount or focal length are wrong.
         spans_s: First and last stamp of the images and of the IMU, s.
+        is_imported: Whether the calibration is another tool's, which rarely knows the readout of the shutter.
     """
 
     camera: CameraCalibration
@@ -79,6 +84,7 @@ class CameraFit:
     focal: FocalRatio | None
     lever: LeverArm | None
     spans_s: tuple[tuple[float, float], tuple[float, float]]
+    is_imported: bool
 
     @property
     def overlaps(self) -> bool:
@@ -98,7 +104,9 @@ class CameraFit:
             yield CameraFault(text=self._describe_mount(clock), spoils=True)
         if clock.is_off and self.overlaps:
             spoils = abs(clock.unexplained_s) - clock.half_s > _SPOILING_OFFSET_S
-            yield CameraFault(text=self._describe_clock(clock), spoils=spoils)
+            may_roll = self.is_imported and not self.camera.readout_s and not spoils
+            hint = "; a rolling shutter without `readout_s` looks alike" if may_roll else ""
+            yield CameraFault(text=self._describe_clock(clock) + hint, spoils=spoils, is_certain=not may_roll)
         if self.focal is not None and self.focal.is_off:
             yield CameraFault(text=self._describe_focal(self.focal), spoils=True)
         if self.lever is not None and self.lever.is_off:
@@ -197,6 +205,7 @@ def fit_camera(
         focal=focal,
         lever=lever,
         spans_s=(spans[0], spans[1]),
+        is_imported=IMPORTED_FROM in recording.metadata,
     )
 
 

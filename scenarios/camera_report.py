@@ -9,16 +9,13 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 
 from stridetwin.scenarios.camera_clock import moving_board
-from stridetwin.scenarios.camera_fit import QUICK_SEGMENTS, fit_camera
+from stridetwin.scenarios.camera_fit import IMPORTED_FROM, QUICK_SEGMENTS, fit_camera
 from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.formats.opening import print_warnings
 from stridetwin.streams.recording.index import LENIENT
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Imu
-
-IMPORTED_FROM = "imported_from"
-"""Entry of the metadata of every recording that is another tool's, also after `import`."""
 
 
 def report_cameras(recording: Recording, topics: Collection[str], *, lenient: bool) -> list[str]:

@@ -306,7 +306,9 @@ def _check_clocks(
             findings.append(Finding(topic=camera.topic, what=what, is_error=False))
             continue
         fit = fit_camera(recording, camera, gyros[camera.imu_topic])
-        findings += [Finding(topic=camera.topic, what=fault.text) for fault in fit.list_faults()]
+        findings += [
+            Finding(topic=camera.topic, what=fault.text, is_error=fault.is_certain) for fault in fit.list_faults()
+        ]
         if fit.clock is None:
             what = f"its clock and mount could not be checked with its images and the gyroscope of {camera.imu_topic}"
             findings.append(Finding(topic=camera.topic, what=what, is_error=False))

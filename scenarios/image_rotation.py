@@ -147,17 +147,52 @@ def estimate_rates(camera: CameraCalibration, pairs: Sequence[Tracks]) -> Rates 
     Returns:
         Those of the pairs whose rotation could be estimated; None without any.
     """
-    spans, rates, shifts, depths = [], [], [], []
-    for tracks in pairs:
-        motion = _estimate_motion(camera, tracks)
-        if motion is not None:
-            spans.append(tracks.t_ns)
-            rates.append(motion[0] * 1e9 / (tracks.t_ns[1] - tracks.t_ns[0]))
-            shifts.append(motion[1])
-            depths.append(tracks.median_depth)
-    if not spans:
+    motions = [_estimate_motion(camera, tracks, np.zeros((2, 3))) for tracks in pairs]
+    if camera.readout_s:
+        # once more, now that it is known how fast the camera turns while the rows of an image are read
+        rates = _find_rates_at_images(pairs, motions)
+        motions = [_estimate_motion(camera, tracks, of_pair) for tracks, of_pair in zip(pairs, rates)]
+    known = [(tracks, motion) for tracks, motion in zip(pairs, motions) if motion is not None]
+    if not known:
         return None
-    return Rates(t_ns=np.array(spans, np.int64), rate=np.array(rates), shift=np.array(shifts), depth=np.array(depths))
+    spans = np.array([tracks.t_ns for tracks, _ in known], np.int64)
+    duration_s = (spans[:, 1] - spans[:, 0]) * 1e-9
+    return Rates(
+        t_ns=spans,
+        rate=np.array([rotation for _, (rotation, _) in known]) / duration_s[:, None],
+        shift=np.array([shift for _, (_, shift) in known]),
+        depth=np.array([tracks.median_depth for tracks, _ in known]),
+    )
+
+
+def _find_rates_at_images(pairs: Sequence[Tracks], motions: Sequence[tuple[Array, Array] | None]) -> list[Array]:
+    """(2, 3) rotation rates at both images of each pair, rad/s: means of the pairs before and after each image.
+
+    A pair without a known motion, or with one that none is beside, counts as the one at hand, or as at rest.
+    """
+    at_image = dict[int, list[Array]]()
+    for tracks, motion in zip(pairs, motions):
+        if motion is not None:
+            rate = motion[0] * 1e9 / (tracks.t_ns[1] - tracks.t_ns[0])
+            for t_ns in tracks.t_ns:
+                at_image.setdefault(t_ns, []).append(rate)
+    means = {t_ns: np.mean(rates, axis=0) for t_ns, rates in at_image.items()}
+    return [np.array([means.get(t_ns, np.zeros(3)) for t_ns in tracks.t_ns]) for tracks in pairs]
+
+
+def _turn_to_stamp(camera: CameraCalibration, pixels: Array, rays: Array, rate: Array) -> Array:
+    """(N, 2) normalised coordinates of features as if all rows had been read at the stamp of the image.
+
+    Args:
+        camera: Calibration with the readout of its rolling shutter; the middle row has the stamp.
+        pixels: (N, 2) pixels of the features.
+        rays: (N, 2) their normalised coordinates.
+        rate: (3,) rotation rate of the camera, rad/s.
+    """
+    late_s = camera.readout_s * ((pixels[:, 1] + 0.5) / camera.height - 0.5)
+    points = np.column_stack((rays, np.ones(len(rays))))
+    points = points + np.cross(late_s[:, None] * rate, points)
+    return np.asarray(points[:, :2] / points[:, 2:])
 
 
 def _depth_numbers(recording: Recording, camera: CameraCalibration) -> dict[int, int]:
@@ -226,7 +261,7 @@ class _Features:
         )
 
 
-def _estimate_motion(camera: CameraCalibration, tracks: Tracks) -> tuple[Array, Array] | None:
+def _estimate_motion(camera: CameraCalibration, tracks: Tracks, rates: Array) -> tuple[Array, Array] | None:
     """Motion of a camera from one image to the next.
 
     Without motion in the image it is 0. Otherwise the rotation comes from the first of these that succeeds: with depth,
@@ -235,6 +270,7 @@ def _estimate_motion(camera: CameraCalibration, tracks: Tracks) -> tuple[Array, 
     Args:
         camera: Its calibration, of which the lens counts.
         tracks: Features in both images.
+        rates: (2, 3) rotation rates at both images, rad/s, with which a rolling shutter is corrected.
 
     Returns:
         Rotation vector (3,), rad, and position of the camera at the second image (3,), m, in its axes at the first; NaN
@@ -242,6 +278,9 @@ def _estimate_motion(camera: CameraCalibration, tracks: Tracks) -> tuple[Array, 
     """
     # x and y are (N, 2) normalised coordinates of the features in both images, and a tracked pixel has this size there
     x, y = (find_rays(points, camera) for points in (tracks.before, tracks.after))
+    if camera.readout_s:
+        x = _turn_to_stamp(camera, tracks.before, x, rates[0])
+        y = _turn_to_stamp(camera, tracks.after, y, rates[1])
     pixel = tracks.tracked_px / camera.intrinsics[0]
     if float(np.median(np.linalg.norm(x - y, axis=1))) < _STATIONARY_PX * pixel:
         return np.zeros(3), np.zeros(3)  # at rest the essential matrix is not defined
