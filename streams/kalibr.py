@@ -207,7 +207,7 @@ def read_rig(
 
 def _warn_user(text: str) -> None:
     """Issues a Python warning about a calibration file."""
-    warnings.warn(text, UserWarning, stacklevel=3)
+    warnings.warn(text, UserWarning, stacklevel=4)
 
 
 def _read_sections(file: Path, sizes: Collection[tuple[int, int]]) -> Converted:

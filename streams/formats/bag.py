@@ -15,7 +15,7 @@ from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
-from stridetwin.streams.errors import RecordingError
+from stridetwin.streams.errors import RecordingError, to_line
 from stridetwin.streams.formats.bag_calibration import CALIBRATIONS, TRANSFORMS, BagCalibration
 from stridetwin.streams.formats.derived import imu_name, join_gyro_and_accel, to_odometry
 from stridetwin.streams.recording.imported import ImageStream, Source
@@ -288,13 +288,14 @@ def read_bag(bag: Bag[KeyT], kind: str, notes: Notes, per_metre: float | None = 
     if not any(map(len, blocks.values())) and not images and not notes.problems:
         raise _no_sample_error(bag.channels, streams, notes)
     names = assign_bag_topics(kinds, frames)
+    names |= {topic: to_line(topic) for topic in kinds if topic not in names and to_line(topic) != topic}
     _report_choice_of_imu(kinds, names, notes)
     return Source(
         kind=kind,
         blocks=blocks,
         images=images,
         rig=calibration.build_rig(blocks, images, frames),
-        unread=unread,
+        unread={to_line(topic): to_line(typename) for topic, typename in unread.items()},
         names=names,
         assumed=calibration.assumed,
     )

@@ -5,9 +5,9 @@ Distortion models with more than four terms are approximated by `radtan` within 
 
 from __future__ import annotations
 
-import os.path
 import re
 from collections.abc import Mapping
+from itertools import takewhile
 from pathlib import PurePosixPath
 
 import numpy as np
@@ -109,7 +109,7 @@ class BagCalibration:
             if info is None:
                 continue
             # the IMU whose topic has the longest beginning in common with the camera's
-            imu = max(imus, key=lambda t: len(PurePosixPath(os.path.commonpath([t, topic])).parts), default="")
+            imu = max(imus, key=lambda t, of=topic: _count_common_parts(t, of), default="")
             T_imu_camera = self._frames.find_transform(frames.get(imu, ""), frames.get(topic, "")) if imu else None
             if imu and T_imu_camera is None:
                 self._add_assumption(topic, "no mount in /tf_static; assumed at the IMU with the same orientation")
@@ -246,3 +246,9 @@ def _read_intrinsics(info: RosMessage) -> Intrinsics:
 def _read_field(info: RosMessage, name: str) -> Array:
     """A field of a CameraInfo as an array, named by the capital letter in ROS 1; empty if it is missing."""
     return np.asarray(getattr(info, name) if hasattr(info, name) else getattr(info, name.upper(), ()), float)
+
+
+def _count_common_parts(first: str, second: str) -> int:
+    """How many parts two topics have in common from their beginning on; a slash before the first part counts as one."""
+    pairs = zip(PurePosixPath(first).parts, PurePosixPath(second).parts)
+    return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], pairs))

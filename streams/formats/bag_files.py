@@ -484,9 +484,15 @@ def _close(reader: rosbag1.Reader | rosbag2.Reader) -> None:
     reader.close()
 
 
+_DAMAGED = (sqlite3.Error, UnicodeDecodeError)
+"""Exceptions of Python's module for a damaged SQLite file: it also fails to decode the text of an error."""
+
+
 def _open_database(path: Path) -> closing[sqlite3.Connection]:
-    """Opens an SQLite file that is neither changed nor locked."""
-    return closing(sqlite3.connect(f"file:{path}?mode=ro&immutable=1", uri=True))
+    """Opens an SQLite file that is neither changed nor locked; bytes of texts that are not UTF-8 are replaced."""
+    database = sqlite3.connect(f"file:{path}?mode=ro&immutable=1", uri=True)
+    database.text_factory = lambda data: data.decode(errors="replace")
+    return closing(database)
 
 
 def check_tables(path: Path) -> None:
@@ -495,10 +501,10 @@ def check_tables(path: Path) -> None:
     Raises:
         RecordingError: The file has other objects.
     """
-    with suppress(sqlite3.Error), _open_database(path) as database:  # damaged files are reported by `sqlite_is_sound`
+    with suppress(*_DAMAGED), _open_database(path) as database:  # damaged files are reported by `sqlite_is_sound`
         # every table, view and trigger: its name, kind, and the text that creates it
         objects = database.execute("SELECT name, type, sql FROM sqlite_master WHERE type != 'index'").fetchmany(1000)
-        for name, kind, text in objects:
+        for name, kind, text in (map(str, row) for row in objects):  # those of a damaged file may be of any type
             columns = database.execute("SELECT hidden FROM pragma_table_xinfo(?)", (name,)).fetchall()
             is_virtual = kind == "table" and "virtual" in text.lower().split()[:2]  # CREATE VIRTUAL TABLE
             has_hidden_columns = any(hidden for (hidden,) in columns)  # such as computed ones
@@ -511,5 +517,5 @@ def sqlite_is_sound(path: Path) -> bool:
     try:
         with _open_database(path) as database:
             return bool(database.execute("PRAGMA quick_check(1)").fetchone() == ("ok",))
-    except sqlite3.Error:
+    except _DAMAGED:
         return False

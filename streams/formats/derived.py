@@ -11,7 +11,17 @@ import numpy as np
 
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.recording.index import Notes, Problem
-from stridetwin.streams.samples import Accelerometer, Array, Block, Imu, Odometry, Sample, Stamps, is_increasing
+from stridetwin.streams.samples import (
+    LARGEST_NUMBER,
+    Accelerometer,
+    Array,
+    Block,
+    Imu,
+    Odometry,
+    Sample,
+    Stamps,
+    is_increasing,
+)
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -67,7 +77,8 @@ def to_odometry(
         q = (rotation * Rotation.from_matrix(T_source_body[:3, :3])).as_quat(scalar_first=True)
     rates = np.zeros((2, len(t_ns), 3))
     velocity, angular_rate = rates  # views, which get the numbers below
-    rising = np.flatnonzero(is_increasing(t_ns))  # decreasing stamps are rejected or omitted later
+    is_valid = is_increasing(t_ns) & (np.abs(p) <= LARGEST_NUMBER).all(axis=1)  # others are rejected or omitted later
+    rising = np.flatnonzero(is_valid)
     if len(rising) > 1:
         attitude = Rotation.from_quat(q[rising], scalar_first=True)
         rates[:, rising] = _differentiate(t_ns[rising], p[rising], attitude)

@@ -295,21 +295,23 @@ class RecordingIndex:
         elif record.id not in self.channels:
             schema = self._schemas.get(record.schema_id)
             name = schema.name if schema else ""  # ROS type of the messages
-            self.channels[record.id] = record.topic
+            topic = to_line(record.topic)
+            self.channels[record.id] = topic
             if schema is None or record.message_encoding != "cdr":
-                self.unread[record.topic] = f"{name or 'unknown type'} in {record.message_encoding or 'no encoding'}"
+                encoding = record.message_encoding or "no encoding"
+                self.unread[topic] = to_line(f"{name or 'unknown type'} in {encoding}")
             elif name not in READABLE:
-                self.unread[record.topic] = name
-            elif record.topic in self.readers:
-                self.notes.add_problem(Problem(record.topic, None, "a second publisher, which is not read"))
+                self.unread[topic] = to_line(name)
+            elif topic in self.readers:
+                self.notes.add_problem(Problem(topic, None, "a second publisher, which is not read"))
             else:
                 text = schema.data.decode(errors="replace")
                 try:
                     self._definitions.add(text)
-                    self.readers[record.topic] = TopicReader(record.topic, name, schema.encoding, text)
+                    self.readers[topic] = TopicReader(topic, name, schema.encoding, text)
                 except ValueError as error:
-                    self.unread[record.topic] = name
-                    self.notes.add_problem(Problem(record.topic, None, str(error)))
+                    self.unread[topic] = name
+                    self.notes.add_problem(Problem(topic, None, str(error)))
 
     def _index_chunk(self, offset: int, by_channel: dict[int, Messages]) -> None:
         """Indexes the messages of a chunk, and notes the chunk if it has valid samples.

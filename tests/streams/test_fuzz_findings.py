@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 from foreign_tables import rows, save
 from logger_files import DEG, FORCE, GYRO, N, T, opensense
+from mcap.writer import Writer
 from rigs import small_rig
-from robot_files import IMU_TYPE, still_imu, write_bag
+from robot_files import IMAGE_TYPE, IMU_TYPE, INFO_TYPE, STORE, grey_message, info_message, still_imu, write_bag
 from scan_files import stray_scanner
 
-from stridetwin.scenarios.check import check_recording
+from benchmarks.foreign_files import Walk, write_rosbag1
+from stridetwin.scenarios.check import check_recording, check_table
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.opening import open_any
 from stridetwin.streams.kalibr import read_rig, rig_to_yaml
@@ -168,6 +170,58 @@ def test_numbers_of_a_bag_beyond_all_sensors_are_a_problem(tmp_path):
         (text, *_) = read_texts(bag)
         assert "/foot_l/imu at 1700000000.200000 s: a number beyond 1e+12" in text
         assert len(open_any(bag, lenient=True).block("/foot_l/imu")) == len(messages) - 1
+
+
+def test_topics_and_types_of_a_bag_with_marks_are_escaped(tmp_path):
+    file = tmp_path / "a.mcap"
+    messages = [(t, bytes(STORE.serialize_cdr(message, IMU_TYPE))) for t, message in still_imu()]
+    with file.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        names = ((IMU_TYPE, "/a\x1bimu", "cdr"), ("std_msgs/msg/Str\x1bing", "/b\x01", "cdr"), ("x", "/c", "js\0on"))
+        for name, topic, encoding in names:
+            channel = writer.register_channel(topic, encoding, writer.register_schema(name, "ros2msg", b""))
+            for t, data in messages:
+                writer.add_message(channel, log_time=t, publish_time=t, data=data)
+        writer.finish()
+    recording = open_any(file)
+    assert all(topic.isprintable() for topic in recording.topics)
+    assert len(list(recording.samples())) == len(messages)
+    assert set(recording.unread) == {r"/b\x01", "/c"}
+    assert all(text.isprintable() for text in [*recording.unread.values(), *check_table(check_recording(recording))])
+
+
+def test_a_camera_whose_topic_has_no_slash(tmp_path):
+    images = [(t, grey_message(t)) for t, _ in still_imu(count=12)]
+    streams = {
+        "camera/image": (IMAGE_TYPE, images),
+        "camera/camera_info": (INFO_TYPE, [(t, info_message(t, 30.0)) for t, _ in images[:1]]),
+        "/imu": (IMU_TYPE, still_imu()),
+    }
+    recording = open_any(write_bag(tmp_path / "bag", streams), lenient=True)
+    assert len(recording.rig.cameras) == 1
+
+
+def test_a_position_beyond_all_rooms_is_left_out(tmp_path):
+    walk = Walk()
+    walk.p[20] = 1e300
+    bag = write_rosbag1(tmp_path, walk)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        (text, *_) = read_texts(bag)
+        truth = open_any(bag, lenient=True).block("/truth/head/odometry")
+    assert "a number beyond 1e+12" in text
+    assert len(truth) == len(walk.p) - 1
+    assert np.abs(truth.columns["v_frame_in_world"]).max() < 10.0
+
+
+def test_a_database_whose_names_are_no_text(tmp_path):
+    bag = write_bag(tmp_path / "bag", {"/imu": (IMU_TYPE, still_imu())})
+    (file,) = bag.glob("*.db3")
+    file.write_bytes(file.read_bytes().replace(b"CREATE TABLE", b"CREATE TABL\xff"))
+    texts = read_texts(bag)
+    assert len(texts) == 1
+    assert texts[0].isprintable()
 
 
 def test_a_scan_of_depth_images_alone_is_checked(tmp_path):
