@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from functools import partial
 from itertools import takewhile
 from pathlib import PurePosixPath
 
@@ -109,7 +110,7 @@ class BagCalibration:
             if info is None:
                 continue
             # the IMU whose topic has the longest beginning in common with the camera's
-            imu = max(imus, key=lambda t, of=topic: _count_common_parts(t, of), default="")
+            imu = max(imus, key=partial(_count_common_parts, topic), default="")
             T_imu_camera = self._frames.find_transform(frames.get(imu, ""), frames.get(topic, "")) if imu else None
             if imu and T_imu_camera is None:
                 self._add_assumption(topic, "no mount in /tf_static; assumed at the IMU with the same orientation")
