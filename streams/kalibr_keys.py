@@ -107,7 +107,7 @@ def _join_parts(node: Section) -> Section:
 
     A translation alone is no transform: its key, in lower case, is not used.
     """
-    joined = dict(node)
+    joined = {f"T{key[1:]}" if _is_lower_case(key, value) else key: value for key, value in node.items()}
     for key in node:
         if key.startswith("R_") and _find_transform_to_imu(f"T_{key[2:]}"):
             other = next((name for prefix in "tp" if (name := f"{prefix}_{key[2:]}") in node), "")
@@ -116,6 +116,11 @@ def _join_parts(node: Section) -> Section:
                 del joined[key], joined[other]
                 joined[f"T_{key[2:]}"] = rows
     return joined
+
+
+def _is_lower_case(key: str, value: object) -> bool:
+    """Whether a key `t_cam_imu` is that of a whole transform, of three rows or more of lists."""
+    return key.startswith("t_") and isinstance(value, list) and len(value) > 2 and isinstance(value[0], list)
 
 
 def _to_kalibr_key(key: str, number: int, is_camera: bool) -> str | None:

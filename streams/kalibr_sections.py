@@ -34,17 +34,24 @@ class KalibrSection(BaseModel):
     model_config = ConfigDict(frozen=True)
 
 
+_POSE = "the keys px, py, pz, qx, qy, qz, qw, which say what each number is"
+"""How to write a position with a quaternion."""
+
+
 def _to_transform_rows(node: object) -> object:
     """The four rows of a transform, as `to_matrix_rows` reads it.
 
     Raises:
-        PydanticCustomError: It is a list of numbers that may be angles or a quaternion of unknown order.
+        PydanticCustomError: It is a rotation alone, or has numbers that may be angles or a quaternion of unknown order.
     """
     if isinstance(node, list) and len(node) in (6, 7) and not any(isinstance(item, (list, dict)) for item in node):
-        raise field_error(
-            node, "rows of a matrix, or the keys px, py, pz, qx, qy, qz, qw, which say what each number is"
-        )
-    return to_matrix_rows(node)
+        raise field_error(node, f"rows of a matrix, or {_POSE}")
+    if isinstance(node, list) and len(node) == 3 and all(isinstance(row, list) and len(row) == 3 for row in node):
+        raise field_error(node, "a translation as well: four rows of four numbers")
+    rows = to_matrix_rows(node)
+    if isinstance(rows, dict):
+        raise field_error(node, f"four rows of four numbers, or {_POSE}")
+    return rows
 
 
 _Transform = Annotated[RigidTransform, BeforeValidator(_to_transform_rows)]

@@ -30,9 +30,12 @@ _EXTRINSIC = re.compile(
 )
 _OTHER = re.compile(r'^[ \t]*Motion Intrinsic of "([^"]+)"', re.MULTILINE)
 _SHORT = {"width": "w", "height": "h"}
+_SEPARATE = ("k1", "k2", "p1", "p2", "k3")
+"""Coefficients of radtan, each under a key of its own."""
 _LENS_KEYS = frozenset(
     ("width", "height", "w", "h", "ppx", "ppy", "cx", "cy", "fx", "fy")
     + ("model", "distortion", "coeffs", "coefficients")
+    + _SEPARATE
 )
 _LENS_NAMES = {"cx": "ppx", "cy": "ppy"}
 _CENTRES = ({"ppx", "ppy", "fx", "fy"}, {"cx", "cy", "fx", "fy"})
@@ -199,9 +202,14 @@ def _read_json_lens(path: str, fields: Mapping[str, object], source: str) -> _In
         key: float(_read_numbers(f"{place}.{key}", [fields.get(key, fields.get(_SHORT.get(key, "")))], 1, source)[0])
         for key in ("width", "height", "ppx", "ppy", "fx", "fy")
     }
-    coefficients = fields.get("coeffs", fields.get("coefficients", []))
+    separate = [fields.get(key, 0.0) for key in _SEPARATE] if set(_SEPARATE[:4]) <= set(fields) else []
+    coefficients = fields.get("coeffs", fields.get("coefficients", separate))
     values = _read_numbers(f"{path}.coeffs", coefficients, None, source).tolist()
-    model = str(fields.get("model", fields.get("distortion", "none"))).lower().removeprefix("distortion.")
+    model = (
+        str(fields.get("model", fields.get("distortion", "radtan" if separate else "none")))
+        .lower()
+        .removeprefix("distortion.")
+    )
     stream = _normalise_name(
         next((word for word in reversed(path.split(".")) if _normalise_name(word) in _CHOICE), path or "color")
     )

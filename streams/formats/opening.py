@@ -328,6 +328,8 @@ def _read_source(path: Path, kind: str, options: ImportOptions, notes: Notes) ->
     """
     if kind == "table":
         _report_images(path, notes)
+        if (above := describe_parent(path, _find_layout)) is not None:
+            notes.warn(f"read as an IMU table alone: {above} for the whole recording")
         imus = read_imu_tables(path, options.table, notes)
         names = {name: imu_topic(name) for name in imus if name}
         only = "/foot_r/imu" if segment_of(path.stem) == "foot_r" else TABLE_TOPIC

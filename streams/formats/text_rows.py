@@ -176,7 +176,7 @@ def parse_nanoseconds(word: str) -> int:
     """
     value = int(word) if word.isascii() and word.isdecimal() and len(word) <= LONGEST_STAMP else -1
     if not 0 <= value < 2**63:
-        raise ValueError("whole nanoseconds")
+        raise ValueError("whole nanoseconds; is it in s?" if "." in word else "whole nanoseconds")
     return value
 
 

@@ -65,6 +65,14 @@ CAMERAS = {
     "echo2.yaml": message(upper=False) + message(upper=False),
     "matlab.json": json.dumps(MATLAB),
     "open3d.json": json.dumps({"width": 752, "height": 480, "intrinsic_matrix": BY_COLUMNS, "distortion": RADTAN}),
+    "flat.yaml": "".join(
+        f"{key}: {value}\n"
+        for key, value in zip(
+            ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "width", "height"),
+            (*FOCAL, *CENTRE, *RADTAN, *SIZE),
+            strict=True,
+        )
+    ),
     "orb_slam2.yaml": "%YAML:1.0\n"
     + "".join(
         f"Camera.{key}: {value}\n"
@@ -116,6 +124,7 @@ Q = dict(zip("xyzw", Rotation.from_matrix(R).as_quat().tolist(), strict=True))
         f"  T_imu_cam: {{translation: {dict(zip('xyz', P, strict=True))}, rotation: {Q}}}\n",
         f"  T_imu_cam: {{R: {R}, t: {P}}}\n",
         f"  R_imu_cam: {R}\n  t_imu_cam: {P}\n",
+        f"  t_imu_cam: {T_IMU_CAM.tolist()}\n",
         f"  R_cam_imu: {np.transpose(R).tolist()}\n  p_cam_imu: {(-np.transpose(R) @ P).tolist()}\n",
     ],
 )
@@ -159,6 +168,7 @@ PLAIN = kalibr_camera() + f"  T_imu_cam:\n{rows(T_IMU_CAM)}" + kalibr_imu()
             "look like fu, pu, fv, pv",
         ),
         ("rig.yaml", kalibr_camera() + f"  T_imu_cam: {[*P, *Q.values()]}\n", "keys px, py, pz, qx, qy, qz, qw"),
+        ("rig.yaml", kalibr_camera() + f"  T_imu_cam: {R}\n", "expected a translation as well: four rows"),
         ("rig.xml", '<?xml version="1.0"?><opencv_storage><!ENTITY a "b"></opencv_storage>', "declarations in XML"),
         ("rig.xml", '<?xml version="1.0"?><opencv_storage><a></opencv_storage>', "not XML"),
     ],

@@ -114,6 +114,11 @@ def test_images_without_a_list_have_their_names_as_stamps(tmp_path):
     assert "no list of images" in " ".join(recording.warnings)
 
 
+def test_a_table_inside_of_a_recording_is_said(tmp_path):
+    (warning,) = [w for w in open_any(write_euroc(tmp_path) / "mav0/imu0").warnings if "table alone" in w]
+    assert "give that folder for the whole recording" in warning
+
+
 def test_images_of_another_ending_and_tables_with_tabs(tmp_path):
     folder = write_euroc(tmp_path, suffix=".jpg")
     edit(folder / "mav0/imu0/data.csv", ",", "\t")
