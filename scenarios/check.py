@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.scenarios.camera_clock import CameraClock, ClockRow, camera_clock, moving_board
+from stridetwin.scenarios.depth_scale import DepthScaleRow, find_implausible_views, measure_depth_scales
 from stridetwin.sim.parts.library import full_scales
 from stridetwin.streams.errors import check_type
 from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
@@ -152,6 +153,7 @@ class CheckData(TypedDict):
         schema_version: Version of its format; "" for other formats.
         topics: Figures of each stream.
         camera_clocks: Clock of each camera that could be checked.
+        depth_scales: Scale of each depth stream that could be compared with a motion.
         findings: Errors and warnings: topic, text, and whether it is an error.
         valid: Whether no finding is an error.
     """
@@ -161,6 +163,7 @@ class CheckData(TypedDict):
     schema_version: str
     topics: dict[str, CheckedTopic]
     camera_clocks: dict[str, ClockRow]
+    depth_scales: dict[str, DepthScaleRow]
     findings: list[dict[str, str | bool]]
     valid: bool
 
@@ -211,6 +214,10 @@ def check_recording(recording: Recording, progress: Callable[[float], None] = la
     # the clocks are the second half of the progress
     clocks, clock_findings = _check_clocks(recording, gyros, lambda share: progress(_SHARE_OF_CLOCKS * (1 + share)))
     findings += clock_findings
+    scales = measure_depth_scales(recording, gyros)
+    findings += [Finding(topic=topic, what=what) for topic, scale in scales.items() for what in scale.faults()]
+    views = find_implausible_views(recording, scales)
+    findings += [Finding(topic=topic, what=str(implausible), is_error=False) for topic, implausible in views]
     # topics that were not read, with the type of their messages; the calibration of cameras is read elsewhere
     unread = {topic: kind for topic, kind in recording.unread.items() if not topic.endswith("/camera_info")}
     findings += [Finding(topic=t, what=f"not read: {kind}", is_error=False) for t, kind in sorted(unread.items())]
@@ -220,6 +227,7 @@ def check_recording(recording: Recording, progress: Callable[[float], None] = la
         "schema_version": recording.schema_version,
         "topics": topics,
         "camera_clocks": {topic: clock.row() for topic, clock in clocks.items()},
+        "depth_scales": {topic: scale.row() for topic, scale in scales.items()},
         "findings": [{"topic": f.topic, "what": f.what, "is_error": f.is_error} for f in findings],
         "valid": not any(f.is_error for f in findings),
     }
@@ -248,6 +256,10 @@ def check_table(check: Check) -> list[str]:
         shift = f"{clock['shift_s'] * 1e3:+.1f} ± {clock['half_s'] * 1e3:.1f} ms (95 %)"
         lines.append(
             f"{topic}: time of {clock['imu']} = its own {shift}, calibration {clock['calibrated_s'] * 1e3:+.1f} ms"
+        )
+    for topic, scale in check.data["depth_scales"].items():
+        lines.append(
+            f"{topic}: its motion is {scale['scale']:.2f} ± {scale['scale_half']:.2f} (95 %) of {scale['reference']}"
         )
     for finding in check.findings:
         lines.append(f"{'ERROR' if finding.is_error else 'WARNING'}: {finding.text}")

@@ -1,0 +1,229 @@
+"""Scale of a depth camera's motion, and its focal length, against a motion that is measured otherwise.
+
+The path of a camera that its depth images give is wrong by the factor of their unit. A wrong focal length shortens its
+sideways parts, but not those along the optical axis, and the rotations. So both show against a reference: given poses,
+or an IMU on the camera's body. An accelerometer knows no start speed and no direction of gravity. Over a short run both
+are polynomials of the time, which are taken out of the two paths, as are the biases (Martinelli, IEEE T-RO 28(1), 2012;
+Qin et al., IEEE T-RO 34(4), 2018, V-B, solve for them): what is left of a walk are the centimetres by which each step
+moves the head.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from stridetwin.scenarios.camera_motion import CameraPath
+from stridetwin.scenarios.inertial_path import DEGREE, InertialPath, polynomial_remover
+from stridetwin.streams.algebra.arrays import exp, log
+from stridetwin.streams.samples import Array
+
+SHIFTS_S = np.arange(-0.15, 0.1501, 0.01)
+"""Shifts of the camera's clock against the IMU's that are tried, in addition to the calibrated one."""
+_FEWEST_RUNS = 4
+"""Runs from which a scale counts."""
+_LEAST_CORRELATION = 0.75
+"""Least correlation of both paths from which a scale counts."""
+_LEAST_MOTION_M = 0.002
+"""Least standard deviation of a run's path that counts as motion."""
+_MODEL_SD_LOG = 0.015
+"""Error that the runs share: scale of an uncalibrated accelerometer, and of depth."""
+_NORMAL_975 = 1.959964
+"""Quantile of the standard normal distribution."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Run:
+    """A run's path by the camera and by the reference, without what the reference does not know.
+
+    Attributes:
+        seen_m: (K, 3) camera's path by its images, in the axes of the run's first image.
+        reference_m: (K, 3) the same by the reference.
+        seen_rad: (K, 3) rotation vectors by the images.
+        reference_rad: (K, 3) the same by the reference.
+    """
+
+    seen_m: Array
+    reference_m: Array
+    seen_rad: Array
+    reference_rad: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class LogRatio:
+    """Logarithm of a ratio, with the half width of its 95 % interval, which is infinite where nothing is known."""
+
+    value: float
+    half: float
+
+    @property
+    def ratio(self) -> float:
+        """The ratio."""
+        return math.exp(self.value)
+
+    def is_beyond(self, margin: float) -> bool:
+        """Whether the interval lies entirely beyond a margin (a logarithm) on either side."""
+        return abs(self.value) - self.half > margin
+
+    def is_within(self, margin: float) -> bool:
+        """Whether the interval lies entirely within a margin (a logarithm) on both sides."""
+        return abs(self.value) + self.half < margin
+
+    def contains(self, value: float) -> bool:
+        """Whether a logarithm is in the interval."""
+        return abs(self.value - value) <= self.half
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionScale:
+    """Scales of a camera's motion against a reference.
+
+    Attributes:
+        path: Length of the camera's path over that of the reference.
+        sideways: The same across the optical axis.
+        focal: Calibrated focal length over the one with which all agree.
+        correlation: Of both paths.
+        runs: Number of runs.
+    """
+
+    path: LogRatio
+    sideways: LogRatio
+    focal: LogRatio
+    correlation: float
+    runs: int
+
+
+def compare_with_imu(path: CameraPath, inertial: InertialPath, T_imu_camera: Array, shift_s: float) -> Run:
+    """The camera's path and that of an IMU on its body, without polynomials of time.
+
+    Args:
+        path: By the images.
+        inertial: By the IMU, which covers the images' times.
+        T_imu_camera: (4, 4) m, pose of the camera in the IMU's frame.
+        shift_s: t_imu = t_camera + shift.
+    """
+    t = (inertial.t_ns - inertial.t_ns[0]) * 1e-9
+    at = (path.t_ns - inertial.t_ns[0]) * 1e-9 + shift_s
+    R = exp(_interpolate(at, t, log(inertial.R_start_imu)))
+    p = _interpolate(at, t, inertial.p_imu_in_start) + R @ T_imu_camera[:3, 3]
+    R_start_camera = R @ T_imu_camera[:3, :3]
+    reference = p @ R_start_camera[0]  # in the axes of the first image
+    rotation = log(R_start_camera[0].T @ R_start_camera)
+    without_path, without_turn = polynomial_remover(at, DEGREE), polynomial_remover(at, 1)
+    return Run(
+        seen_m=without_path(path.p_camera_in_first),
+        reference_m=without_path(reference),
+        seen_rad=without_turn(log(path.R_first_camera)),
+        reference_rad=without_turn(rotation),
+    )
+
+
+def compare_with_poses(path: CameraPath, T_world_camera: Array) -> Run:
+    """The camera's path and given poses.
+
+    Args:
+        path: By the images.
+        T_world_camera: (K, 4, 4) given poses at the images' times, m.
+    """
+    T = np.linalg.inv(T_world_camera[0]) @ T_world_camera
+    return Run(
+        seen_m=path.p_camera_in_first,
+        reference_m=T[:, :3, 3],
+        seen_rad=log(path.R_first_camera),
+        reference_rad=log(T[:, :3, :3]),
+    )
+
+
+def correlate(runs: Sequence[Run]) -> float:
+    """Correlation of the paths by camera and reference over some runs."""
+    across = sum(float(np.sum(run.seen_m * run.reference_m)) for run in runs)
+    seen = sum(float(np.sum(run.seen_m**2)) for run in runs)
+    reference = sum(float(np.sum(run.reference_m**2)) for run in runs)
+    return across / math.sqrt(seen * reference + 1e-30)
+
+
+def fit_motion_scale(runs: Sequence[Run]) -> MotionScale | None:
+    """Scale and focal length by some runs, with intervals from a jackknife over them.
+
+    The camera's path is compared with the reference by least squares of the former on the latter, because only the
+    former is noisy.
+
+    Returns:
+        None with too few runs, too little motion, or paths that do not agree.
+    """
+    moving = [run for run in runs if np.sqrt(np.mean(np.sum(run.reference_m**2, axis=1))) > _LEAST_MOTION_M]
+    correlation = correlate(moving) if moving else 0.0
+    if len(moving) < _FEWEST_RUNS or correlation < _LEAST_CORRELATION:
+        return None
+    # (R, 4, 2) products with the reference, and of the reference, of each run: all axes, across the optical axis, along
+    # it, and of the rotations across it
+    sums = np.array([[_products(seen, reference) for seen, reference in _components(run)] for run in moving])
+    path = _fit(sums, lambda ratio: ratio[..., 0])
+    sideways = _fit(sums, lambda ratio: ratio[..., 1])
+    by_path = _fit(sums, lambda ratio: ratio[..., 2] - ratio[..., 1])
+    by_rotation = _fit(sums, lambda ratio: -ratio[..., 3])
+    return MotionScale(
+        path=path, sideways=sideways, focal=_combine(by_path, by_rotation), correlation=correlation, runs=len(moving)
+    )
+
+
+def _components(run: Run) -> tuple[tuple[Array, Array], ...]:
+    """Parts of a run that are compared: by the images and by the reference."""
+    return (
+        (run.seen_m, run.reference_m),
+        (run.seen_m[:, :2], run.reference_m[:, :2]),
+        (run.seen_m[:, 2:], run.reference_m[:, 2:]),
+        (run.seen_rad[:, :2], run.reference_rad[:, :2]),
+    )
+
+
+def _products(seen: Array, reference: Array) -> tuple[float, float]:
+    """Sums of the products of both, and of the squares of the reference."""
+    return float(np.sum(seen * reference)), float(np.sum(reference**2))
+
+
+def _fit(sums: Array, logarithm: Callable[[Array], Array]) -> LogRatio:
+    """A logarithm of ratios of sums over R runs, with an interval from a jackknife.
+
+    Args:
+        sums: (R, 4, 2) sums of each run.
+        logarithm: Of the logarithms (..., 4) of the ratios of the sums.
+    """
+    total = sums.sum(axis=0)
+    ratios = np.concatenate((total[None], total - sums))  # of all runs, then without each of them
+    with np.errstate(divide="ignore", invalid="ignore"):
+        logs = logarithm(np.log(ratios[..., 0] / ratios[..., 1]))
+    if not np.isfinite(logs).all():
+        return LogRatio(value=0.0, half=math.inf)
+    variance = (len(sums) - 1) * float(np.var(logs[1:])) + _MODEL_SD_LOG**2
+    return LogRatio(value=float(logs[0]), half=_student_975(len(sums) - 1) * math.sqrt(variance))
+
+
+def _combine(a: LogRatio, b: LogRatio) -> LogRatio:
+    """The mean of two estimates by their weights; nothing is known if they contradict each other."""
+    if math.isinf(a.half) or math.isinf(b.half):
+        return b if math.isinf(a.half) else a
+    if abs(a.value - b.value) > 1.5 * math.hypot(a.half, b.half):
+        return LogRatio(value=0.0, half=math.inf)
+    weights = 1.0 / a.half**2, 1.0 / b.half**2
+    value = (weights[0] * a.value + weights[1] * b.value) / sum(weights)
+    return LogRatio(value=value, half=1.0 / math.sqrt(sum(weights)))
+
+
+def _interpolate(at: Array, t: Array, values: Array) -> Array:
+    """(K, 3) values (M, 3) at times t (M,), interpolated linearly to the times `at` (K,)."""
+    return np.column_stack([np.interp(at, t, values[:, i]) for i in range(values.shape[1])])
+
+
+def _student_975(freedom: int) -> float:
+    """The 97.5 % quantile of Student's distribution (Abramowitz and Stegun 1972, 26.7.5), from 3 degrees on to 1 %."""
+    z, n = _NORMAL_975, float(freedom)
+    return (
+        z
+        + (z**3 + z) / (4 * n)
+        + (5 * z**5 + 16 * z**3 + 3 * z) / (96 * n**2)
+        + (3 * z**7 + 19 * z**5 + 17 * z**3 - 15 * z) / (384 * n**3)
+    )
