@@ -29,7 +29,14 @@ from stridetwin.scenarios.motion_scale import (
 from stridetwin.streams.algebra.arrays import from_quaternion
 from stridetwin.streams.depth_planes import find_implausible_planes, find_planes, measure_focal_ratio
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.plausible import DEPTH_UNITS, Implausible, find_implausible_depth, name_depth_option
+from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
+from stridetwin.streams.plausible import (
+    DEPTH_UNITS,
+    Implausible,
+    find_implausible_depth,
+    force_at_rest,
+    name_depth_option,
+)
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array, Block, Depth, Image, Imu, Odometry, Sample
@@ -40,10 +47,14 @@ _RUN_S, _SHORTEST_RUN_S = 1.2, 0.6
 """Longest run of images that is compared, two steps of a walk, and shortest one."""
 _BATCH, _MOST_WINDOWS = 4, 16
 """Runs that are read at a time, and most runs of a recording."""
+_MOST_CANDIDATES = 120
+"""Most windows among which those with the most motion are chosen."""
 _PLANE_VIEWS = 12
 """Depth images in which planes are looked for."""
 _LARGEST_FOCAL_LOG = math.log(1.75)
 """A larger scale is no focal length: no lens is so far from a calibrated one."""
+_FORCE_SHARE = (0.85, 1.15)
+"""Typical force of a usable accelerometer, in multiples of gravity."""
 _NEAREST_POSE_S = 0.005
 """Most time between an image and its pose."""
 _INPUT_POSES = "7scenes"
@@ -173,6 +184,10 @@ def measure_depth_scale(
     if not _has_images(recording, camera):
         return None
     if camera.imu_topic in gyros:
+        imu = gyros[camera.imu_topic]
+        force_mps2, _ = force_at_rest(imu.t_ns, imu.columns["specific_force"])
+        if not _FORCE_SHARE[0] < force_mps2 / NOMINAL_GRAVITY_MPS2 < _FORCE_SHARE[1]:
+            return None  # forces in another unit, which is an error of its own
         return _measure(recording, camera, camera.imu_topic, _ByImu(recording, camera, gyros[camera.imu_topic]))
     topic = _find_input_poses(recording, camera)
     if topic is not None:
@@ -218,12 +233,13 @@ class _ByImu:
     def choose_windows(self, size: int) -> list[int]:
         """Numbers of the first images of windows, alternately with the most motion and the most rotation."""
         motions, turns, starts = list[float](), list[float](), list[int]()
-        for start in range(0, len(self._times) - size + 1, size):
+        step = max(size, len(self._times) // _MOST_CANDIDATES)
+        for start in range(0, len(self._times) - size + 1, step):
             inertial = self._integrate(int(self._times[start]), int(self._times[start + size - 1]))
             if inertial is not None:
                 starts.append(start)
                 motions.append(measure_motion_m(inertial))
-                turns.append(float(np.linalg.norm(inertial.R_start_imu[-1] - np.eye(3))))
+                turns.append(float(np.linalg.norm(inertial.rotation_rad, axis=1).max()))
         by_motion, by_turn = (np.argsort(values)[::-1].tolist() for values in (motions, turns))
         order = dict.fromkeys(i for both in zip(by_motion, by_turn) for i in both)
         return [starts[i] for i in order]

@@ -11,12 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stridetwin.streams.algebra.arrays import exp
+from stridetwin.streams.algebra.arrays import exp, log
 from stridetwin.streams.samples import Array, Block, Imu, Stamps
 
 DEGREE = 3
 """Degree of the polynomial of time that is taken out: start, speed, gravity with the accelerometer's bias, and what the
 gyro's bias turns of gravity."""
+_LONGEST_STEP_S = 0.05
+"""A longer step between samples is a gap."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -25,17 +27,17 @@ class InertialPath:
 
     Attributes:
         t_ns: (M,) stamps.
-        R_start_imu: (M, 3, 3) rotations to the axes at the start.
+        rotation_rad: (M, 3) rotation vectors to the axes at the start.
         p_imu_in_start: (M, 3) m.
     """
 
     t_ns: Stamps
-    R_start_imu: Array
+    rotation_rad: Array
     p_imu_in_start: Array
 
 
 def integrate(imu: Block[Imu], first_ns: int, last_ns: int) -> InertialPath | None:
-    """The path of an IMU by its samples from one time to another; None if they do not cover it.
+    """The path of an IMU by its samples from one time to another; None if they do not cover it, or have a gap.
 
     Args:
         imu: All samples.
@@ -47,6 +49,8 @@ def integrate(imu: Block[Imu], first_ns: int, last_ns: int) -> InertialPath | No
         return None
     t_ns = imu.t_ns[start:stop]
     dt = np.diff(t_ns)[:, None] * 1e-9
+    if dt.max() > _LONGEST_STEP_S:
+        return None
     turns = exp(imu.columns["angular_rate"][start + 1 : stop] * dt)
     halves = exp(imu.columns["angular_rate"][start + 1 : stop] * dt / 2)
     R = np.empty((len(t_ns), 3, 3))
@@ -56,7 +60,7 @@ def integrate(imu: Block[Imu], first_ns: int, last_ns: int) -> InertialPath | No
     a = np.einsum("nij,njk,nk->ni", R[:-1], halves, imu.columns["specific_force"][start + 1 : stop])
     v = np.vstack((np.zeros(3), np.cumsum(a * dt, axis=0)))  # (M, 3) at the samples
     p = np.vstack((np.zeros(3), np.cumsum((v[:-1] + a * dt / 2) * dt, axis=0)))
-    return InertialPath(t_ns=t_ns, R_start_imu=R, p_imu_in_start=p)
+    return InertialPath(t_ns=t_ns, rotation_rad=log(R), p_imu_in_start=p)
 
 
 def measure_motion_m(inertial: InertialPath) -> float:

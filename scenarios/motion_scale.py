@@ -29,6 +29,9 @@ _LEAST_CORRELATION = 0.75
 """Least correlation of both paths from which a scale counts."""
 _LEAST_MOTION_M = 0.002
 """Least standard deviation of a run's path that counts as motion."""
+_PATH_SD_M, _LEVER_SD_M = 0.005, 0.1
+"""Standard deviations of a position by the images, and of the calibrated distance of camera and IMU: what an offset of
+the camera could explain is no scale."""
 _MODEL_SD_LOG = 0.015
 """Error that the runs share: scale of an uncalibrated accelerometer, and of depth."""
 _NORMAL_975 = 1.959964
@@ -42,12 +45,14 @@ class Run:
     Attributes:
         seen_m: (K, 3) camera's path by its images, in the axes of the run's first image.
         reference_m: (K, 3) the same by the reference.
+        lever: (K, 3, 3) how an offset of the camera in its axes, m, would change the reference; 0 for given poses.
         seen_rad: (K, 3) rotation vectors by the images.
         reference_rad: (K, 3) the same by the reference.
     """
 
     seen_m: Array
     reference_m: Array
+    lever: Array
     seen_rad: Array
     reference_rad: Array
 
@@ -107,17 +112,18 @@ def compare_with_imu(path: CameraPath, inertial: InertialPath, T_imu_camera: Arr
     """
     t = (inertial.t_ns - inertial.t_ns[0]) * 1e-9
     at = (path.t_ns - inertial.t_ns[0]) * 1e-9 + shift_s
-    R = exp(_interpolate(at, t, log(inertial.R_start_imu)))
+    R = exp(_interpolate(at, t, inertial.rotation_rad))
     p = _interpolate(at, t, inertial.p_imu_in_start) + R @ T_imu_camera[:3, 3]
     R_start_camera = R @ T_imu_camera[:3, :3]
     reference = p @ R_start_camera[0]  # in the axes of the first image
-    rotation = log(R_start_camera[0].T @ R_start_camera)
+    R_first_camera = R_start_camera[0].T @ R_start_camera
     without_path, without_turn = polynomial_remover(at, DEGREE), polynomial_remover(at, 1)
     return Run(
         seen_m=without_path(path.p_camera_in_first),
         reference_m=without_path(reference),
+        lever=without_path(R_first_camera.reshape(-1, 9)).reshape(-1, 3, 3),
         seen_rad=without_turn(log(path.R_first_camera)),
-        reference_rad=without_turn(rotation),
+        reference_rad=without_turn(log(R_first_camera)),
     )
 
 
@@ -132,6 +138,7 @@ def compare_with_poses(path: CameraPath, T_world_camera: Array) -> Run:
     return Run(
         seen_m=path.p_camera_in_first,
         reference_m=T[:, :3, 3],
+        lever=np.zeros((len(T), 3, 3)),
         seen_rad=log(path.R_first_camera),
         reference_rad=log(T[:, :3, :3]),
     )
@@ -158,48 +165,61 @@ def fit_motion_scale(runs: Sequence[Run]) -> MotionScale | None:
     correlation = correlate(moving) if moving else 0.0
     if len(moving) < _FEWEST_RUNS or correlation < _LEAST_CORRELATION:
         return None
-    # (R, 4, 2) products with the reference, and of the reference, of each run: all axes, across the optical axis, along
-    # it, and of the rotations across it
-    sums = np.array([[_products(seen, reference) for seen, reference in _components(run)] for run in moving])
-    path = _fit(sums, lambda ratio: ratio[..., 0])
-    sideways = _fit(sums, lambda ratio: ratio[..., 1])
-    by_path = _fit(sums, lambda ratio: ratio[..., 2] - ratio[..., 1])
-    by_rotation = _fit(sums, lambda ratio: -ratio[..., 3])
+    # (R, 5, 5) each: all axes, across the optical axis, along it; and (R, 2) of the rotations across it
+    all_axes = np.array([_multiply_columns(run.seen_m, run.reference_m, run.lever) for run in moving])
+    across = np.array([_multiply_columns(r.seen_m[:, :2], r.reference_m[:, :2], r.lever[:, :2]) for r in moving])
+    turns = np.array(
+        [
+            (np.sum(run.seen_rad[:, :2] * run.reference_rad[:, :2]), np.sum(run.reference_rad[:, :2] ** 2))
+            for run in moving
+        ]
+    )
+    path, sideways = _fit(all_axes, _scale_log), _fit(across, _scale_log)
+    both = np.stack((all_axes - across, across), axis=1)  # (R, 2, 5, 5) along the optical axis, and across it
+    by_path = _fit(both, lambda sums: _scale_log(sums[0]) - _scale_log(sums[1]))
+    by_rotation = _fit(turns, lambda sums: math.log(sums[1] / sums[0]) if sums[0] > 0.0 else math.nan)
     return MotionScale(
         path=path, sideways=sideways, focal=_combine(by_path, by_rotation), correlation=correlation, runs=len(moving)
     )
 
 
-def _components(run: Run) -> tuple[tuple[Array, Array], ...]:
-    """Parts of a run that are compared: by the images and by the reference."""
-    return (
-        (run.seen_m, run.reference_m),
-        (run.seen_m[:, :2], run.reference_m[:, :2]),
-        (run.seen_m[:, 2:], run.reference_m[:, 2:]),
-        (run.seen_rad[:, :2], run.reference_rad[:, :2]),
-    )
-
-
-def _products(seen: Array, reference: Array) -> tuple[float, float]:
-    """Sums of the products of both, and of the squares of the reference."""
-    return float(np.sum(seen * reference)), float(np.sum(reference**2))
-
-
-def _fit(sums: Array, logarithm: Callable[[Array], Array]) -> LogRatio:
-    """A logarithm of ratios of sums over R runs, with an interval from a jackknife.
+def _scale_log(equations: Array) -> float:
+    """Logarithm of the length of the camera's path over that of the reference; NaN if the camera does not follow it.
 
     Args:
-        sums: (R, 4, 2) sums of each run.
-        logarithm: Of the logarithms (..., 4) of the ratios of the sums.
+        equations: (5, 5) sum of the products of the columns reference, offsets of the camera, and camera.
+    """
+    regularised = equations[:4, :4] + np.diag([1e-12, *3 * [_PATH_SD_M**2 / _LEVER_SD_M**2]])
+    scale = float(np.linalg.solve(regularised, equations[:4, 4])[0])
+    return math.log(scale) if scale > 0.0 else math.nan
+
+
+def _multiply_columns(seen: Array, reference: Array, lever: Array) -> Array:
+    """(5, 5) products of the columns reference, offsets of the camera along three axes, and camera, over a run.
+
+    Args:
+        seen: (K, A) A axes of the camera's path.
+        reference: (K, A) the same by the reference.
+        lever: (K, A, 3) change of the reference by an offset of the camera.
+    """
+    columns = np.column_stack((reference.ravel(), lever.reshape(-1, 3), seen.ravel()))
+    return columns.T @ columns
+
+
+def _fit(sums: Array, logarithm: Callable[[Array], float]) -> LogRatio:
+    """A logarithm of a ratio over R runs, with an interval from a jackknife.
+
+    Args:
+        sums: (R, ...) sums of each run.
+        logarithm: Of the sum (...) of all runs, or of all but one.
     """
     total = sums.sum(axis=0)
-    ratios = np.concatenate((total[None], total - sums))  # of all runs, then without each of them
-    with np.errstate(divide="ignore", invalid="ignore"):
-        logs = logarithm(np.log(ratios[..., 0] / ratios[..., 1]))
-    if not np.isfinite(logs).all():
+    value = logarithm(total)
+    without_one = np.array([logarithm(total - of_run) for of_run in sums])
+    if not (math.isfinite(value) and np.isfinite(without_one).all()):
         return LogRatio(value=0.0, half=math.inf)
-    variance = (len(sums) - 1) * float(np.var(logs[1:])) + _MODEL_SD_LOG**2
-    return LogRatio(value=float(logs[0]), half=_student_975(len(sums) - 1) * math.sqrt(variance))
+    variance = (len(sums) - 1) * float(np.var(without_one)) + _MODEL_SD_LOG**2
+    return LogRatio(value=value, half=_student_975(len(sums) - 1) * math.sqrt(variance))
 
 
 def _combine(a: LogRatio, b: LogRatio) -> LogRatio:

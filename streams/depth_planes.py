@@ -96,6 +96,8 @@ def find_planes(depth: Array, camera: CameraCalibration) -> Planes:
         depth: (H, W) m; 0 where there is none.
         camera: Calibration of the camera that the depth is registered to.
     """
+    if min(depth.shape) < _WINDOW:
+        return Planes(theta=np.zeros((0, 3)), share=np.zeros(0))
     step = max(1, max(depth.shape) // _GRID)
     z = np.asarray(depth[step // 2 :: step, step // 2 :: step], float)
     v, u = np.mgrid[: z.shape[0], : z.shape[1]] * step + step // 2
