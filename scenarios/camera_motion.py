@@ -38,8 +38,11 @@ _FEATURES, _FEWEST_FEATURES = 200, 25
 _CORNER_QUALITY, _CORNER_SPACING_PX = 0.01, 8
 """Least strength of a corner relative to the strongest one, and least distance of two corners."""
 _LK: _FlowOptions = {"winSize": (15, 15), "maxLevel": 3}
-_SURFACE_PX, _SURFACE_SHARE = 2, 0.05
-"""A feature is on one surface if the depths up to so many pixels around it differ by less than this share."""
+_SURFACE_PX = 2
+"""Pixels around a feature that have to be on one surface."""
+_BEND_SHARE, _SLANT_SHARE = 0.1, 0.3
+"""They are if inverse depths on opposite sides differ from that in the middle by less than this share in sum, and from
+one another by less than this: twice the noise of stereo depth at 5 m, and a floor at 5 m."""
 _INLIER_PX = 1.0
 """Largest residual of an inlier, in pixels of the tracked image."""
 _RANSAC_ROUNDS = 60
@@ -262,9 +265,12 @@ def _depths_of_surfaces(depth: DepthImage, corners: NDArray[np.float32], scale: 
     is_inside = np.all((at >= r) & (at < (width - r, height - r)), axis=1)
     columns, rows = at[:, 0].clip(r, width - r - 1), at[:, 1].clip(r, height - r - 1)
     around = np.stack([depth[rows + i, columns + j] for i in range(-r, r + 1) for j in range(-r, r + 1)], axis=-1)
-    nearest, farthest = around.min(axis=1), around.max(axis=1)
-    is_surface = is_inside & (nearest > 0.0) & (farthest - nearest < _SURFACE_SHARE * farthest)
-    return np.where(is_surface, np.median(around, axis=1), 0.0).astype(float)
+    has_depth = is_inside & (around.min(axis=1) > 0.0)
+    inverse = 1.0 / np.where(has_depth[:, None], around, 1.0)  # (N, P), linear on a plane
+    bend = np.abs(inverse + inverse[:, ::-1] - 2.0 * inverse[:, around.shape[1] // 2, None]).max(axis=1)
+    mean = inverse.mean(axis=1)
+    is_surface = has_depth & (bend < _BEND_SHARE * mean) & (np.ptp(inverse, axis=1) < _SLANT_SHARE * mean)
+    return np.where(is_surface, 1.0 / mean, 0.0).astype(float)
 
 
 def _to_rays(pixels: NDArray[np.float32], camera: CameraCalibration, scale: float) -> Array:

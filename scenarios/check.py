@@ -215,8 +215,12 @@ def check_recording(recording: Recording, progress: Callable[[float], None] = la
     clocks, clock_findings = _check_clocks(recording, gyros, lambda share: progress(_SHARE_OF_CLOCKS * (1 + share)))
     findings += clock_findings
     scales = measure_depth_scales(recording, gyros)
-    findings += [Finding(topic=topic, what=what) for topic, scale in scales.items() for what in scale.faults()]
-    views = find_implausible_views(recording, scales)
+    findings += [
+        Finding(topic=topic, what=what, is_error=is_error)
+        for topic, scale in scales.items()
+        for what, is_error in scale.faults()
+    ]
+    views = find_implausible_views(recording, {topic for topic, scale in scales.items() if scale.motion is not None})
     findings += [Finding(topic=topic, what=str(implausible), is_error=False) for topic, implausible in views]
     # topics that were not read, with the type of their messages; the calibration of cameras is read elsewhere
     unread = {topic: kind for topic, kind in recording.unread.items() if not topic.endswith("/camera_info")}
@@ -258,9 +262,9 @@ def check_table(check: Check) -> list[str]:
             f"{topic}: time of {clock['imu']} = its own {shift}, calibration {clock['calibrated_s'] * 1e3:+.1f} ms"
         )
     for topic, scale in check.data["depth_scales"].items():
-        lines.append(
-            f"{topic}: its motion is {scale['scale']:.2f} ± {scale['scale_half']:.2f} (95 %) of {scale['reference']}"
-        )
+        if scale["scale"] is not None and scale["scale_half"] is not None:
+            size = f"{scale['scale']:.3g} ± {scale['scale_half']:.2g} (95 %)"
+            lines.append(f"{topic}: its motion is {size} times that of {scale['reference']}")
     for finding in check.findings:
         lines.append(f"{'ERROR' if finding.is_error else 'WARNING'}: {finding.text}")
     lines.append("valid" if check.is_valid else "invalid: see ERROR")

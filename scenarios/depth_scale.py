@@ -1,20 +1,21 @@
-"""Whether the depth of a camera and its focal length agree with a motion that is measured otherwise.
+"""Whether the depth of a camera and its focal length agree with its motion.
 
-The reference is an IMU on the camera's body, or poses that come with the images. Runs of about a second are compared
-until the scale is certain.
+The focal length is the one with which points of known depth move as a body. The depth is compared with an IMU on the
+camera's body, or with poses that are an input. Runs of about a second are read until both are certain.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypedDict
 
 import numpy as np
 
 from stridetwin.scenarios.camera_motion import CameraPath, Tracks, solve_path, track_features
+from stridetwin.scenarios.focal_length import measure_focal_by_images
 from stridetwin.scenarios.inertial_path import InertialPath, integrate, measure_motion_m
 from stridetwin.scenarios.motion_scale import (
     SHIFTS_S,
@@ -43,6 +44,8 @@ from stridetwin.streams.samples import Array, Block, Depth, Image, Imu, Odometry
 
 MARGIN_LOG = math.log(1.1)
 """Logarithm of the factor by which depth or focal length may be off: an odometry's path is then off by a tenth."""
+WARNING_LOG = math.log(1.05)
+"""The same from which a warning is due."""
 _RUN_S, _SHORTEST_RUN_S = 1.2, 0.6
 """Longest run of images that is compared, two steps of a walk, and shortest one."""
 _BATCH, _MOST_WINDOWS = 4, 16
@@ -53,6 +56,8 @@ _PLANE_VIEWS = 12
 """Depth images in which planes are looked for."""
 _LARGEST_FOCAL_LOG = math.log(1.75)
 """A larger scale is no focal length: no lens is so far from a calibrated one."""
+_USUAL_FACTORS = (0.001, 0.1, 0.2, 0.25, 0.5, 2.0, 4.0, 5.0, 10.0, 1000.0)
+"""Factors between usual units of depth: 1/1000, 1/2000, 1/4000, 1/5000 and 1/10000 m, mm and m."""
 _FORCE_SHARE = (0.85, 1.15)
 """Typical force of a usable accelerometer, in multiples of gravity."""
 _NEAREST_POSE_S = 0.005
@@ -62,78 +67,108 @@ _INPUT_POSES = "7scenes"
 
 
 class DepthScaleRow(TypedDict):
-    """A `DepthScale` as plain values."""
+    """A `DepthScale` as plain values; None for what is not known."""
 
     reference: str
-    scale: float
-    scale_half: float
-    focal_ratio: float
+    scale: float | None
+    scale_half: float | None
+    correlation: float | None
+    focal_ratio: float | None
     focal_half: float | None
-    correlation: float
     runs: int
 
 
 @dataclass(frozen=True, kw_only=True)
 class DepthScale:
-    """Depth and focal length of a camera against a reference.
+    """Depth and focal length of a camera against its motion.
 
     Attributes:
-        reference: Topic of the IMU or of the poses.
+        reference: Topic of the IMU or of the poses; "" without any.
         camera: The camera.
-        motion: Scales as they were measured, with the calibrated focal length.
-        depth: Recorded depth over the true one, if that is certainly wrong; else None.
-        focal: Calibrated focal length over the true one, if that is certainly wrong; else None.
-        may_be_focal: Whether a wrong focal length may also be the cause of a wrong scale of depth.
+        motion: Scale of the motion, by the right focal length as far as that is known; None if there is no reference
+            that it agrees with.
+        focal: Calibrated focal length over the one with which the images agree.
+        by_planes: The same by floor and walls; None if it was not needed, or there are none.
         per_metre: Units of the depth images per metre, as they were read; None if no option gives them.
+        runs: Number of runs of images.
     """
 
     reference: str
     camera: CameraCalibration
-    motion: MotionScale
-    depth: LogRatio | None
-    focal: LogRatio | None
-    may_be_focal: bool
+    motion: MotionScale | None
+    focal: LogRatio
+    by_planes: LogRatio | None
     per_metre: float | None
+    runs: int
 
     def row(self) -> DepthScaleRow:
         """The scale as a mapping of plain values, for JSON."""
-        half = self.motion.focal.half
+        motion, is_known = self.motion, math.isfinite(self.focal.half)
         return {
             "reference": self.reference,
-            "scale": self.motion.path.ratio,
-            "scale_half": self.motion.path.half * self.motion.path.ratio,
-            "focal_ratio": self.motion.focal.ratio,
-            "focal_half": None if math.isinf(half) else half * self.motion.focal.ratio,
-            "correlation": self.motion.correlation,
-            "runs": self.motion.runs,
+            "scale": None if motion is None else motion.path.ratio,
+            "scale_half": None if motion is None else motion.path.half * motion.path.ratio,
+            "correlation": None if motion is None else motion.correlation,
+            "focal_ratio": self.focal.ratio if is_known else None,
+            "focal_half": self.focal.half * self.focal.ratio if is_known else None,
+            "runs": self.runs,
         }
 
-    def faults(self) -> Iterator[str]:
-        """Yields a sentence for each error of the depth or of the intrinsics."""
-        if self.focal is not None:
-            f = self.camera.intrinsics[0]
-            yield (
-                f"intrinsics: invalid focal length {f:.4g} px: expected {_interval(f, self.focal)} px (95 %), as its "
-                f"motion and that of {self.reference} agree only then; calibrate it, or give intrinsics for images of "
-                f"{self.camera.width} x {self.camera.height} with --rig"
+    def faults(self) -> Iterator[tuple[str, bool]]:
+        """Yields a sentence for each fault of the depth or of the intrinsics, and whether it is an error."""
+        f = self.camera.intrinsics[0]
+        if self.focal.is_beyond(WARNING_LOG):
+            what = (
+                f"intrinsics: invalid focal length {f:.4g} px: expected {_divide(f, self.focal)} px (95 %), with which "
+                f"points in the images move as a rigid scene; give the calibration of images of {self.camera.width} x "
+                f"{self.camera.height} with --rig"
             )
-        if self.depth is not None:
-            factor = 1.0 / self.depth.ratio
-            other = ""
-            if self.may_be_focal:
-                f = self.camera.intrinsics[0] * self.motion.sideways.ratio
-                other = f", or the focal length {f:.3g} px in place of {self.camera.intrinsics[0]:.4g} px"
-            yield (
-                f"depth: invalid unit: it makes the camera's motion {_interval(1.0, self.depth, inverse=False)} times "
-                f"(95 %) that of {self.reference}: expected 1; multiply the depth by {factor:.2g}, "
-                f"{name_depth_option(factor, self.per_metre)}{other}"
-            )
+            yield what, self.focal.is_beyond(MARGIN_LOG)
+        if self.motion is None or not self.motion.path.is_beyond(WARNING_LOG):
+            return
+        path, sideways = self.motion.path, self.motion.sideways
+        cause = ""
+        if self._may_be_focal(sideways):
+            expected = _divide(f, LogRatio(value=-sideways.value, half=sideways.half))
+            if self.by_planes is not None and self.by_planes.is_beyond(WARNING_LOG):
+                what = (
+                    f"intrinsics: invalid focal length {f:.4g} px: expected {expected} px (95 %), with which its "
+                    f"motion is that of {self.reference}, and floor and walls are perpendicular; give the calibration "
+                    f"of images of {self.camera.width} x {self.camera.height} with --rig"
+                )
+                yield what, path.is_beyond(MARGIN_LOG)
+                return
+            cause = f"; or the focal length is {expected} px in place of {f:.4g} px"
+        factor = _to_usual(-path.value, path.half)
+        what = (
+            f"depth: invalid unit: it makes the camera's motion {path.ratio:.3g} ± {path.ratio * path.half:.2g} times "
+            f"(95 %) that of {self.reference}: expected 1; multiply the depth by {factor:.3g}, "
+            f"{name_depth_option(factor, self.per_metre)}{cause}"
+        )
+        yield what, path.is_beyond(MARGIN_LOG)
+
+    def _may_be_focal(self, sideways: LogRatio) -> bool:
+        """Whether a wrong focal length may be the cause of a wrong sideways motion."""
+        needed = LogRatio(value=-sideways.value, half=sideways.half)
+        known = [self.focal] if self.by_planes is None else [self.focal, self.by_planes]
+        is_possible = all(_agree(ratio, needed) for ratio in known)
+        return is_possible and abs(needed.value) < _LARGEST_FOCAL_LOG and not self.focal.is_beyond(WARNING_LOG)
 
 
-def _interval(value: float, ratio: LogRatio, *, inverse: bool = True) -> str:
-    """A value divided (or multiplied) by a ratio, as text with the half width of its interval."""
-    middle = value / ratio.ratio if inverse else value * ratio.ratio
-    return f"{middle:.3g} ± {middle * ratio.half:.2g}"
+def _divide(value: float, ratio: LogRatio) -> str:
+    """A value divided by a ratio, as text with the half width of its interval."""
+    return f"{value / ratio.ratio:.3g} ± {value / ratio.ratio * ratio.half:.2g}"
+
+
+def _to_usual(value: float, half: float) -> float:
+    """The factor of a logarithm, or the one between usual units that is within its interval."""
+    usual = min(_USUAL_FACTORS, key=lambda factor: abs(math.log(factor) - value))
+    return usual if abs(math.log(usual) - value) < half else math.exp(value)
+
+
+def _agree(a: LogRatio, b: LogRatio) -> bool:
+    """Whether the intervals of two logarithms allow the same value."""
+    return abs(a.value - b.value) <= math.hypot(a.half, b.half)
 
 
 def measure_depth_scales(recording: Recording, gyros: Mapping[str, Block[Imu]]) -> dict[str, DepthScale]:
@@ -179,20 +214,64 @@ def measure_depth_scale(
         gyros: Samples of the IMUs by topic.
 
     Returns:
-        None if neither is there, or they cannot be compared: too little motion or texture, or another clock or mount.
+        Scale and focal length, as far as they are known; None if neither is: too little motion or texture, or another
+        clock or mount.
     """
     if not _has_images(recording, camera):
         return None
+    reference = _find_reference(recording, camera, gyros)
+    size = max(8, round(_RUN_S * recording.topics[camera.topic].rate_hz))
+    windows = reference.choose_windows(size)[:_MOST_WINDOWS]
+    tracks: list[Tracks] = []
+    motion, focal = None, LogRatio(value=0.0, half=math.inf)
+    for start in range(0, len(windows), _BATCH):
+        for first in windows[start : start + _BATCH]:
+            runs = track_features(recording, camera, first, size, _RUN_S)
+            tracks += [run for run in runs if run.t_ns[-1] - run.t_ns[0] > _SHORTEST_RUN_S * 1e9]
+        focal = measure_focal_by_images(tracks)
+        motion = _fit(reference, tracks, 1.0)
+        is_right = not reference.topic if motion is None else motion.path.is_within(MARGIN_LOG)
+        if is_right and focal.is_within(MARGIN_LOG):
+            break
+    if focal.is_beyond(WARNING_LOG):
+        motion = _fit(reference, tracks, 1.0 / focal.ratio)
+    if motion is None and math.isinf(focal.half):
+        return None
+    is_open = motion is not None and motion.path.is_beyond(WARNING_LOG) and not focal.is_beyond(WARNING_LOG)
+    return DepthScale(
+        reference=reference.topic,
+        camera=camera,
+        motion=motion,
+        focal=focal,
+        by_planes=_focal_by_planes(recording, camera) if is_open else None,
+        per_metre=_units_per_metre(recording),
+        runs=len(tracks),
+    )
+
+
+def _fit(reference: _Reference, tracks: Sequence[Tracks], focal_factor: float) -> MotionScale | None:
+    """Scale of the motion with the calibrated focal length times a factor; None if the paths do not agree."""
+    paths = [path for run in tracks if (path := solve_path(run, focal_factor)) is not None]
+    long = [path for path in paths if path.t_ns[-1] - path.t_ns[0] > _SHORTEST_RUN_S * 1e9]
+    motion = fit_motion_scale(reference.compare(long))
+    return motion if motion is not None and motion.is_usable else None
+
+
+def _find_reference(recording: Recording, camera: CameraCalibration, gyros: Mapping[str, Block[Imu]]) -> _Reference:
+    """The IMU on the camera's body if its forces are usable, else poses that are an input, else none."""
     if camera.imu_topic in gyros:
         imu = gyros[camera.imu_topic]
         force_mps2, _ = force_at_rest(imu.t_ns, imu.columns["specific_force"])
-        if not _FORCE_SHARE[0] < force_mps2 / NOMINAL_GRAVITY_MPS2 < _FORCE_SHARE[1]:
-            return None  # forces in another unit, which is an error of its own
-        return _measure(recording, camera, camera.imu_topic, _ByImu(recording, camera, gyros[camera.imu_topic]))
+        if _FORCE_SHARE[0] < force_mps2 / NOMINAL_GRAVITY_MPS2 < _FORCE_SHARE[1]:
+            return _ByImu(recording, camera, imu)
     topic = _find_input_poses(recording, camera)
-    if topic is not None:
-        return _measure(recording, camera, topic, _ByPoses(recording, camera, recording.block(topic)))
-    return None
+    return _Reference(recording, camera) if topic is None else _ByPoses(recording, camera, recording.block(topic))
+
+
+def _units_per_metre(recording: Recording) -> float | None:
+    """Units of the depth images per metre, as they were read; None if no option gives them."""
+    text = recording.metadata.get(DEPTH_UNITS, "")
+    return float(text) if re.fullmatch(r"[0-9.e+-]+", text) else None
 
 
 def _has_images(recording: Recording, camera: CameraCalibration) -> bool:
@@ -214,7 +293,37 @@ def _find_input_poses(recording: Recording, camera: CameraCalibration) -> str | 
     return next((t for t in topics if t in recording.topics and recording.topics[t].kind is Odometry), None)
 
 
-class _ByImu:
+class _Reference:
+    """No reference: windows are spread over the recording.
+
+    Args:
+        recording: Recording with the images.
+        camera: The camera.
+
+    Attributes:
+        topic: Topic of the reference.
+    """
+
+    topic = ""
+
+    def __init__(self, recording: Recording, camera: CameraCalibration) -> None:
+        self._times = recording.image_times(camera.topic)
+
+    def choose_windows(self, size: int) -> list[int]:
+        """Numbers of the first images of windows of a size, in the order in which they are to be read."""
+        starts = np.arange(0, len(self._times) - size + 1, size)
+        spread = np.linspace(0, len(starts) - 1, min(len(starts), _MOST_WINDOWS)).round().astype(int)
+        chosen = starts[spread].tolist()
+        # first some that are far from one another
+        return [start for offset in range(_BATCH) for start in chosen[offset::_BATCH]]
+
+    def compare(self, paths: Sequence[CameraPath]) -> list[Run]:
+        """The paths of runs beside those of the reference; empty without one, or if it does not agree."""
+        del paths
+        return []
+
+
+class _ByImu(_Reference):
     """Compares the paths of runs with an IMU.
 
     Args:
@@ -224,10 +333,11 @@ class _ByImu:
     """
 
     def __init__(self, recording: Recording, camera: CameraCalibration, imu: Block[Imu]) -> None:
+        super().__init__(recording, camera)
+        self.topic = imu.topic
         self._imu, self._calibrated_s = imu, camera.timeshift_cam_imu_s
         T_body_imu = recording.rig.imu(camera.imu_topic).mount.T_body_sensor
         self._T_imu_camera = np.linalg.inv(T_body_imu) @ camera.mount.T_body_sensor
-        self._times = recording.image_times(camera.topic)
         self._reach_ns = round((float(SHIFTS_S[-1]) + abs(self._calibrated_s)) * 1e9)
 
     def choose_windows(self, size: int) -> list[int]:
@@ -264,7 +374,7 @@ class _ByImu:
         return integrate(self._imu, first_ns - self._reach_ns, last_ns + self._reach_ns)
 
 
-class _ByPoses:
+class _ByPoses(_Reference):
     """Compares the paths of runs with given poses.
 
     Args:
@@ -274,11 +384,11 @@ class _ByPoses:
     """
 
     def __init__(self, recording: Recording, camera: CameraCalibration, poses: Block[Sample]) -> None:
-        self._t_ns = poses.t_ns
+        super().__init__(recording, camera)
+        self.topic, self._t_ns = poses.topic, poses.t_ns
         self._T = np.tile(np.eye(4), (len(poses), 1, 1))
         self._T[:, :3, :3] = from_quaternion(poses.columns["q_world_frame"])
         self._T[:, :3, 3] = poses.columns["p_frame_in_world"]
-        self._times = recording.image_times(camera.topic)
 
     def choose_windows(self, size: int) -> list[int]:
         """Numbers of the first images of windows, those with the longest way first."""
@@ -303,91 +413,6 @@ class _ByPoses:
     def _nearest(self, t_ns: int) -> int:
         """Number of the pose that is nearest to a time."""
         return int(np.argmin(np.abs(self._t_ns - t_ns)))
-
-
-def _measure(
-    recording: Recording, camera: CameraCalibration, reference: str, comparison: _ByImu | _ByPoses
-) -> DepthScale | None:
-    """Reads runs of images until the scale is certainly right or wrong, and names what is wrong."""
-    size = max(8, round(_RUN_S * recording.topics[camera.topic].rate_hz))
-    windows = comparison.choose_windows(size)[:_MOST_WINDOWS]
-    tracks: list[Tracks] = []
-
-    def fit(focal_factor: float) -> MotionScale | None:
-        paths = [path for run in tracks if (path := solve_path(run, focal_factor)) is not None]
-        return fit_motion_scale(comparison.compare([path for path in paths if _duration_s(path) > _SHORTEST_RUN_S]))
-
-    motion = None
-    for start in range(0, len(windows), _BATCH):
-        for first in windows[start : start + _BATCH]:
-            tracks += track_features(recording, camera, first, size, _RUN_S)
-        motion = fit(1.0)
-        if motion is not None and _is_right(motion):
-            break
-    if motion is None:
-        return None
-    depth, focal, may_be_focal = _judge(motion, fit, lambda: _focal_by_planes(recording, camera))
-    return DepthScale(
-        reference=reference,
-        camera=camera,
-        motion=motion,
-        depth=depth,
-        focal=focal,
-        may_be_focal=may_be_focal,
-        per_metre=_units_per_metre(recording),
-    )
-
-
-def _units_per_metre(recording: Recording) -> float | None:
-    """Units of the depth images per metre, as they were read; None if no option gives them."""
-    text = recording.metadata.get(DEPTH_UNITS, "")
-    return float(text) if re.fullmatch(r"[0-9.e+-]+", text) else None
-
-
-def _duration_s(path: CameraPath) -> float:
-    """Duration of a path."""
-    return float(path.t_ns[-1] - path.t_ns[0]) * 1e-9
-
-
-def _is_right(motion: MotionScale) -> bool:
-    """Whether depth and focal length are certainly right."""
-    sideways_or_focal = motion.sideways.is_within(MARGIN_LOG) or motion.focal.is_within(MARGIN_LOG)
-    return motion.path.is_within(MARGIN_LOG) and sideways_or_focal
-
-
-def _judge(
-    motion: MotionScale, fit: Callable[[float], MotionScale | None], focal_by_planes: Callable[[], LogRatio | None]
-) -> tuple[LogRatio | None, LogRatio | None, bool]:
-    """What is certainly wrong: the depth, the focal length, and whether the latter may be wrong in place of the former.
-
-    Args:
-        motion: With the calibrated focal length.
-        fit: Measures it with the focal length times a factor.
-        focal_by_planes: Calibrated focal length over that with which floor and walls are perpendicular.
-    """
-    if _is_right(motion):
-        return None, None, False
-    # with the right depth, the ratio of focal lengths that explains the sideways motion
-    needed = LogRatio(value=-motion.sideways.value, half=motion.sideways.half)
-    focal = motion.focal
-    is_explained = abs(needed.value) < _LARGEST_FOCAL_LOG and _agree(focal, needed)
-    if motion.path.is_beyond(MARGIN_LOG) and is_explained and not focal.is_beyond(MARGIN_LOG):
-        by_planes = focal_by_planes()
-        if by_planes is not None and by_planes.is_beyond(MARGIN_LOG) and _agree(by_planes, needed):
-            focal = by_planes
-        else:
-            may_be_focal = by_planes is None or not by_planes.is_within(MARGIN_LOG)
-            return motion.path, None, may_be_focal and not focal.is_within(MARGIN_LOG)
-    if focal.is_beyond(MARGIN_LOG) and abs(focal.value) < _LARGEST_FOCAL_LOG:
-        corrected = fit(1.0 / focal.ratio)
-        is_depth_off = corrected is not None and corrected.path.is_beyond(MARGIN_LOG)
-        return corrected.path if corrected is not None and is_depth_off else None, focal, False
-    return motion.path if motion.path.is_beyond(MARGIN_LOG) else None, None, False
-
-
-def _agree(a: LogRatio, b: LogRatio) -> bool:
-    """Whether the intervals of two logarithms allow the same value."""
-    return abs(a.value - b.value) <= math.hypot(a.half, b.half)
 
 
 def _focal_by_planes(recording: Recording, camera: CameraCalibration) -> LogRatio | None:

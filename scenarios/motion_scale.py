@@ -1,11 +1,10 @@
-"""Scale of a depth camera's motion, and its focal length, against a motion that is measured otherwise.
+"""Scale of a depth camera's motion against a motion that is measured otherwise.
 
-The path of a camera that its depth images give is wrong by the factor of their unit. A wrong focal length shortens its
-sideways parts, but not those along the optical axis, and the rotations. So both show against a reference: given poses,
-or an IMU on the camera's body. An accelerometer knows no start speed and no direction of gravity. Over a short run both
-are polynomials of the time, which are taken out of the two paths, as are the biases (Martinelli, IEEE T-RO 28(1), 2012;
-Qin et al., IEEE T-RO 34(4), 2018, V-B, solve for them): what is left of a walk are the centimetres by which each step
-moves the head.
+The path of a camera that its depth images give is wrong by the factor of their unit, and a wrong focal length shortens
+its sideways parts. It shows against a reference: given poses, or an IMU on the camera's body. An accelerometer knows no
+start speed and no direction of gravity. Over a short run both are polynomials of the time, which are taken out of the
+two paths, as are the biases (Martinelli, IEEE T-RO 28(1), 2012, and Qin et al., IEEE T-RO 34(4), 2018, V-B, solve for
+them): what is left of a walk are the centimetres by which each step moves the head.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ import numpy as np
 
 from stridetwin.scenarios.camera_motion import CameraPath
 from stridetwin.scenarios.inertial_path import DEGREE, InertialPath, polynomial_remover
-from stridetwin.streams.algebra.arrays import exp, log
+from stridetwin.streams.algebra.arrays import exp
 from stridetwin.streams.samples import Array
 
 SHIFTS_S = np.arange(-0.15, 0.1501, 0.01)
@@ -46,15 +45,11 @@ class Run:
         seen_m: (K, 3) camera's path by its images, in the axes of the run's first image.
         reference_m: (K, 3) the same by the reference.
         lever: (K, 3, 3) how an offset of the camera in its axes, m, would change the reference; 0 for given poses.
-        seen_rad: (K, 3) rotation vectors by the images.
-        reference_rad: (K, 3) the same by the reference.
     """
 
     seen_m: Array
     reference_m: Array
     lever: Array
-    seen_rad: Array
-    reference_rad: Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,21 +79,24 @@ class LogRatio:
 
 @dataclass(frozen=True, kw_only=True)
 class MotionScale:
-    """Scales of a camera's motion against a reference.
+    """Scale of a camera's motion against a reference.
 
     Attributes:
         path: Length of the camera's path over that of the reference.
         sideways: The same across the optical axis.
-        focal: Calibrated focal length over the one with which all agree.
         correlation: Of both paths.
         runs: Number of runs.
     """
 
     path: LogRatio
     sideways: LogRatio
-    focal: LogRatio
     correlation: float
     runs: int
+
+    @property
+    def is_usable(self) -> bool:
+        """Whether the paths agree well enough for a scale."""
+        return self.correlation > _LEAST_CORRELATION
 
 
 def compare_with_imu(path: CameraPath, inertial: InertialPath, T_imu_camera: Array, shift_s: float) -> Run:
@@ -117,13 +115,11 @@ def compare_with_imu(path: CameraPath, inertial: InertialPath, T_imu_camera: Arr
     R_start_camera = R @ T_imu_camera[:3, :3]
     reference = p @ R_start_camera[0]  # in the axes of the first image
     R_first_camera = R_start_camera[0].T @ R_start_camera
-    without_path, without_turn = polynomial_remover(at, DEGREE), polynomial_remover(at, 1)
+    without_polynomial = polynomial_remover(at, DEGREE)
     return Run(
-        seen_m=without_path(path.p_camera_in_first),
-        reference_m=without_path(reference),
-        lever=without_path(R_first_camera.reshape(-1, 9)).reshape(-1, 3, 3),
-        seen_rad=without_turn(log(path.R_first_camera)),
-        reference_rad=without_turn(log(R_first_camera)),
+        seen_m=without_polynomial(path.p_camera_in_first),
+        reference_m=without_polynomial(reference),
+        lever=without_polynomial(R_first_camera.reshape(-1, 9)).reshape(-1, 3, 3),
     )
 
 
@@ -135,13 +131,7 @@ def compare_with_poses(path: CameraPath, T_world_camera: Array) -> Run:
         T_world_camera: (K, 4, 4) given poses at the images' times, m.
     """
     T = np.linalg.inv(T_world_camera[0]) @ T_world_camera
-    return Run(
-        seen_m=path.p_camera_in_first,
-        reference_m=T[:, :3, 3],
-        lever=np.zeros((len(T), 3, 3)),
-        seen_rad=log(path.R_first_camera),
-        reference_rad=log(T[:, :3, :3]),
-    )
+    return Run(seen_m=path.p_camera_in_first, reference_m=T[:, :3, 3], lever=np.zeros((len(T), 3, 3)))
 
 
 def correlate(runs: Sequence[Run]) -> float:
@@ -153,33 +143,25 @@ def correlate(runs: Sequence[Run]) -> float:
 
 
 def fit_motion_scale(runs: Sequence[Run]) -> MotionScale | None:
-    """Scale and focal length by some runs, with intervals from a jackknife over them.
+    """Scale of the motion by some runs, with intervals from a jackknife over them.
 
     The camera's path is compared with the reference by least squares of the former on the latter, because only the
     former is noisy.
 
     Returns:
-        None with too few runs, too little motion, or paths that do not agree.
+        None with too few runs, or too little motion.
     """
     moving = [run for run in runs if np.sqrt(np.mean(np.sum(run.reference_m**2, axis=1))) > _LEAST_MOTION_M]
-    correlation = correlate(moving) if moving else 0.0
-    if len(moving) < _FEWEST_RUNS or correlation < _LEAST_CORRELATION:
+    if len(moving) < _FEWEST_RUNS:
         return None
-    # (R, 5, 5) each: all axes, across the optical axis, along it; and (R, 2) of the rotations across it
+    # (R, 5, 5) each: all axes, and those across the optical axis
     all_axes = np.array([_multiply_columns(run.seen_m, run.reference_m, run.lever) for run in moving])
     across = np.array([_multiply_columns(r.seen_m[:, :2], r.reference_m[:, :2], r.lever[:, :2]) for r in moving])
-    turns = np.array(
-        [
-            (np.sum(run.seen_rad[:, :2] * run.reference_rad[:, :2]), np.sum(run.reference_rad[:, :2] ** 2))
-            for run in moving
-        ]
-    )
-    path, sideways = _fit(all_axes, _scale_log), _fit(across, _scale_log)
-    both = np.stack((all_axes - across, across), axis=1)  # (R, 2, 5, 5) along the optical axis, and across it
-    by_path = _fit(both, lambda sums: _scale_log(sums[0]) - _scale_log(sums[1]))
-    by_rotation = _fit(turns, lambda sums: math.log(sums[1] / sums[0]) if sums[0] > 0.0 else math.nan)
     return MotionScale(
-        path=path, sideways=sideways, focal=_combine(by_path, by_rotation), correlation=correlation, runs=len(moving)
+        path=jackknife(all_axes, _scale_log),
+        sideways=jackknife(across, _scale_log),
+        correlation=correlate(moving),
+        runs=len(moving),
     )
 
 
@@ -206,7 +188,7 @@ def _multiply_columns(seen: Array, reference: Array, lever: Array) -> Array:
     return columns.T @ columns
 
 
-def _fit(sums: Array, logarithm: Callable[[Array], float]) -> LogRatio:
+def jackknife(sums: Array, logarithm: Callable[[Array], float]) -> LogRatio:
     """A logarithm of a ratio over R runs, with an interval from a jackknife.
 
     Args:
@@ -220,17 +202,6 @@ def _fit(sums: Array, logarithm: Callable[[Array], float]) -> LogRatio:
         return LogRatio(value=0.0, half=math.inf)
     variance = (len(sums) - 1) * float(np.var(without_one)) + _MODEL_SD_LOG**2
     return LogRatio(value=value, half=_student_975(len(sums) - 1) * math.sqrt(variance))
-
-
-def _combine(a: LogRatio, b: LogRatio) -> LogRatio:
-    """The mean of two estimates by their weights; nothing is known if they contradict each other."""
-    if math.isinf(a.half) or math.isinf(b.half):
-        return b if math.isinf(a.half) else a
-    if abs(a.value - b.value) > 1.5 * math.hypot(a.half, b.half):
-        return LogRatio(value=0.0, half=math.inf)
-    weights = 1.0 / a.half**2, 1.0 / b.half**2
-    value = (weights[0] * a.value + weights[1] * b.value) / sum(weights)
-    return LogRatio(value=value, half=1.0 / math.sqrt(sum(weights)))
 
 
 def _interpolate(at: Array, t: Array, values: Array) -> Array:

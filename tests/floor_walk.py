@@ -84,7 +84,7 @@ def walk_over_floor(seed: int = 1) -> FloorWalk:
     """The walk, with noise of a consumer IMU and 1 % of noise in depth at 2 m."""
     rng = np.random.default_rng(seed)
     texture = cv2.GaussianBlur(
-        rng.integers(0, 256, (int(FLOOR_M[1] * PX_PER_M), int(FLOOR_M[0] * PX_PER_M)), np.uint8), (0, 0), 1.5
+        rng.integers(0, 256, (int(FLOOR_M[1] * PX_PER_M), int(FLOOR_M[0] * PX_PER_M)), np.uint8), (0, 0), 1.0
     )
     texture = cv2.normalize(texture, None, 0, 255, cv2.NORM_MINMAX)
     t = np.arange(0.2, SECONDS - 0.2, 1 / IMAGE_HZ)
