@@ -46,6 +46,8 @@ one another by less than this: twice the noise of stereo depth at 5 m, and a flo
 _INLIER_PX = 1.0
 """Largest residual of an inlier, in pixels of the tracked image."""
 _RANSAC_ROUNDS = 60
+_MOST_POSES = 20
+"""Most images of a run whose pose is computed, spread over it: 16 Hz for steps at 2 Hz."""
 _MOST_APART_S = 0.02
 """Most time between an image and the depth image that is taken for it, which is half a period of 25 Hz."""
 
@@ -128,13 +130,15 @@ def solve_path(tracks: Tracks, focal_factor: float = 1.0) -> CameraPath | None:
         focal_factor: By which the calibrated focal lengths are multiplied.
 
     Returns:
-        Poses of the images in which enough features fit; None if fewer than three do.
+        Poses of up to twenty images in which enough features fit; None if fewer than three do.
     """
     rays = tracks.rays / focal_factor
     points = np.column_stack((rays[0], np.ones(len(tracks.depth)))) * tracks.depth[:, None]  # (N, 3) m
     stamps, rotations, positions = [tracks.t_ns[0]], [np.eye(3)], [np.zeros(3)]
     guess = np.zeros((3, 1)), np.zeros((3, 1))
-    for t_ns, image_rays, is_tracked in zip(tracks.t_ns[1:], rays[1:], tracks.is_tracked[1:]):
+    last = len(tracks.t_ns) - 1
+    for i in np.unique(np.linspace(1, last, min(last, _MOST_POSES)).round().astype(int)).tolist():
+        t_ns, image_rays, is_tracked = tracks.t_ns[i], rays[i], tracks.is_tracked[i]
         pose = _solve_pose(points[is_tracked], image_rays[is_tracked], tracks.pixel / focal_factor, guess)
         if pose is None:
             continue
@@ -162,6 +166,8 @@ def _solve_pose(points: Array, rays: Array, pixel: float, guess: tuple[Array, Ar
     if len(points) < _FEWEST_FEATURES:
         return None
     K, none = np.eye(3), np.zeros(4)
+    if not np.isfinite(rays).all():
+        return None
     is_solved, rotation, translation, inliers = cv2.solvePnPRansac(
         points,
         rays,

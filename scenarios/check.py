@@ -220,7 +220,7 @@ def check_recording(recording: Recording, progress: Callable[[float], None] = la
         for topic, scale in scales.items()
         for what, is_error in scale.faults()
     ]
-    views = find_implausible_views(recording, {topic for topic, scale in scales.items() if scale.motion is not None})
+    views = find_implausible_views(recording, scales)
     findings += [Finding(topic=topic, what=str(implausible), is_error=False) for topic, implausible in views]
     # topics that were not read, with the type of their messages; the calibration of cameras is read elsewhere
     unread = {topic: kind for topic, kind in recording.unread.items() if not topic.endswith("/camera_info")}

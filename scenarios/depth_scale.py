@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypedDict
 
@@ -28,7 +28,7 @@ from stridetwin.scenarios.motion_scale import (
     fit_motion_scale,
 )
 from stridetwin.streams.algebra.arrays import from_quaternion
-from stridetwin.streams.depth_planes import find_implausible_planes, find_planes, measure_focal_ratio
+from stridetwin.streams.depth_planes import FOCAL_FIELD, find_implausible_planes, find_planes, measure_focal_ratio
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.plausible import (
@@ -48,6 +48,8 @@ WARNING_LOG = math.log(1.05)
 """The same from which a warning is due."""
 _RUN_S, _SHORTEST_RUN_S = 1.2, 0.6
 """Longest run of images that is compared, two steps of a walk, and shortest one."""
+_RUN_IMAGES = (8, 80)
+"""Fewest and most images of a run, at any rate."""
 _BATCH, _MOST_WINDOWS = 4, 16
 """Runs that are read at a time, and most runs of a recording."""
 _MOST_CANDIDATES = 120
@@ -62,6 +64,8 @@ _FORCE_SHARE = (0.85, 1.15)
 """Typical force of a usable accelerometer, in multiples of gravity."""
 _NEAREST_POSE_S = 0.005
 """Most time between an image and its pose."""
+_UNIT_TOLERANCE = 0.01
+"""Largest difference of a quaternion's norm from 1."""
 _INPUT_POSES = "7scenes"
 """Layout whose poses are an input: its scenes were made with them."""
 
@@ -178,19 +182,20 @@ def measure_depth_scales(recording: Recording, gyros: Mapping[str, Block[Imu]]) 
     return {topic: scale for topic, scale in scales.items() if scale is not None}
 
 
-def find_implausible_views(recording: Recording, compared: Collection[str]) -> Iterator[tuple[str, Implausible]]:
+def find_implausible_views(recording: Recording, scales: Mapping[str, DepthScale]) -> Iterator[tuple[str, Implausible]]:
     """Yields what distances and planes in some depth images show of the unit and the focal length.
 
     Args:
         recording: Recording with the images. An import has checked its depth itself.
-        compared: Topics of depth whose scale is known better.
+        scales: What is known better, by the topic of the depth.
 
     Yields:
         Topic of the depth, and what is implausible.
     """
     cameras = recording.rig.cameras.values() if recording.has_rig and recording.is_mcap else ()
     for camera in cameras:
-        if camera.depth_topic not in recording.topics or camera.depth_topic in compared:
+        scale = scales.get(camera.depth_topic)
+        if camera.depth_topic not in recording.topics or (scale is not None and scale.motion is not None):
             continue
         try:
             depths = _sample_depths(recording, camera)
@@ -200,7 +205,10 @@ def find_implausible_views(recording: Recording, compared: Collection[str]) -> I
         if not implausible:
             views = [find_planes(depth, camera) for depth in depths]
             implausible = list(find_implausible_planes(views, camera, _units_per_metre(recording)))
-        yield from ((camera.depth_topic, finding) for finding in implausible)
+        is_focal_known = scale is not None and math.isfinite(scale.focal.half)
+        for finding in implausible:
+            if finding.field != FOCAL_FIELD or not is_focal_known:
+                yield camera.depth_topic, finding
 
 
 def measure_depth_scale(
@@ -220,7 +228,7 @@ def measure_depth_scale(
     if not _has_images(recording, camera):
         return None
     reference = _find_reference(recording, camera, gyros)
-    size = max(8, round(_RUN_S * recording.topics[camera.topic].rate_hz))
+    size = int(np.clip(round(_RUN_S * recording.topics[camera.topic].rate_hz), *_RUN_IMAGES))
     windows = reference.choose_windows(size)[:_MOST_WINDOWS]
     tracks: list[Tracks] = []
     motion, focal = None, LogRatio(value=0.0, half=math.inf)
@@ -271,7 +279,7 @@ def _find_reference(recording: Recording, camera: CameraCalibration, gyros: Mapp
 def _units_per_metre(recording: Recording) -> float | None:
     """Units of the depth images per metre, as they were read; None if no option gives them."""
     text = recording.metadata.get(DEPTH_UNITS, "")
-    return float(text) if re.fullmatch(r"[0-9.e+-]+", text) else None
+    return float(text) if re.fullmatch(r"\d+(\.\d+)?(e[+-]?\d+)?", text) else None
 
 
 def _has_images(recording: Recording, camera: CameraCalibration) -> bool:
@@ -385,19 +393,21 @@ class _ByPoses(_Reference):
 
     def __init__(self, recording: Recording, camera: CameraCalibration, poses: Block[Sample]) -> None:
         super().__init__(recording, camera)
-        self.topic, self._t_ns = poses.topic, poses.t_ns
-        self._T = np.tile(np.eye(4), (len(poses), 1, 1))
-        self._T[:, :3, :3] = from_quaternion(poses.columns["q_world_frame"])
-        self._T[:, :3, 3] = poses.columns["p_frame_in_world"]
+        self.topic = poses.topic
+        p, q = poses.columns["p_frame_in_world"], poses.columns["q_world_frame"]
+        is_sound = np.isfinite(p).all(axis=1) & (np.abs(np.linalg.norm(q, axis=1) - 1.0) < _UNIT_TOLERANCE)
+        self._t_ns = poses.t_ns[is_sound]
+        self._T = np.tile(np.eye(4), (len(self._t_ns), 1, 1))
+        self._T[:, :3, :3], self._T[:, :3, 3] = from_quaternion(q[is_sound]), p[is_sound]
 
     def choose_windows(self, size: int) -> list[int]:
         """Numbers of the first images of windows, those with the longest way first."""
         starts = list(range(0, len(self._times) - size + 1, size))
-        at = (
-            [self._nearest(int(self._times[s])) for s in starts],
-            [self._nearest(int(self._times[s + size - 1])) for s in starts],
-        )
-        way = np.linalg.norm(self._T[at[1], :3, 3] - self._T[at[0], :3, 3], axis=1)
+        if not len(self._t_ns) or not starts:
+            return []
+        first = [self._nearest(int(self._times[start])) for start in starts]
+        last = [self._nearest(int(self._times[start + size - 1])) for start in starts]
+        way = np.linalg.norm(self._T[last, :3, 3] - self._T[first, :3, 3], axis=1)
         return [starts[i] for i in np.argsort(way)[::-1].tolist()]
 
     def compare(self, paths: Sequence[CameraPath]) -> list[Run]:

@@ -49,15 +49,15 @@ def integrate(imu: Block[Imu], first_ns: int, last_ns: int) -> InertialPath | No
         return None
     t_ns = imu.t_ns[start:stop]
     dt = np.diff(t_ns)[:, None] * 1e-9
-    if dt.max() > _LONGEST_STEP_S:
+    rate, force = (imu.columns[name][start + 1 : stop] for name in ("angular_rate", "specific_force"))
+    if not len(dt) or dt.max() > _LONGEST_STEP_S or not (np.isfinite(rate).all() and np.isfinite(force).all()):
         return None
-    turns = exp(imu.columns["angular_rate"][start + 1 : stop] * dt)
-    halves = exp(imu.columns["angular_rate"][start + 1 : stop] * dt / 2)
+    turns, halves = exp(rate * dt), exp(rate * dt / 2)
     R = np.empty((len(t_ns), 3, 3))
     R[0] = np.eye(3)
     for i, turn in enumerate(turns):
         R[i + 1] = R[i] @ turn
-    a = np.einsum("nij,njk,nk->ni", R[:-1], halves, imu.columns["specific_force"][start + 1 : stop])
+    a = np.einsum("nij,njk,nk->ni", R[:-1], halves, force)
     v = np.vstack((np.zeros(3), np.cumsum(a * dt, axis=0)))  # (M, 3) at the samples
     p = np.vstack((np.zeros(3), np.cumsum((v[:-1] + a * dt / 2) * dt, axis=0)))
     return InertialPath(t_ns=t_ns, rotation_rad=log(R), p_imu_in_start=p)

@@ -19,6 +19,8 @@ from stridetwin.streams.plausible import Implausible, advise_depth_unit
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array, Mask
 
+FOCAL_FIELD = "intrinsics"
+"""Field of what is implausible in a focal length."""
 HEIGHT_M = (0.3, 2.3)
 """Least and largest plausible height of a camera that a person carries, above the floor or a table."""
 _USUAL_HEIGHT_M = 1.4
@@ -196,7 +198,7 @@ def find_implausible_planes(
     if focal is not None and abs(math.log(focal.ratio)) - focal.half_log > _FOCAL_MARGIN_LOG:
         f = camera.intrinsics[0]
         yield Implausible(
-            "intrinsics",
+            FOCAL_FIELD,
             f"focal length {f:.4g} px, with which floor and walls are at {focal.angle_deg:.0f}°",
             f"90°, as with {f / focal.ratio:.3g} ± {f / focal.ratio * focal.half_log:.2g} px; --rig gives the "
             f"calibration for images of {camera.width} x {camera.height}",
