@@ -31,6 +31,10 @@ _LEAST_MOTION_M = 0.002
 _PATH_SD_M, _LEVER_SD_M = 0.005, 0.1
 """Standard deviations of a position by the images, and of the calibrated distance of camera and IMU: what an offset of
 the camera could explain is no scale."""
+_WEIGHT_ROUNDS = 3
+"""Rounds of weighing the runs by what the scale leaves over."""
+_LEAST_SD_M = 0.0005
+"""Least standard deviation of a position by the images."""
 _MODEL_SD_LOG = 0.015
 """Error that the runs share: scale of an uncalibrated accelerometer, and of depth."""
 _NORMAL_975 = 1.959964
@@ -157,12 +161,34 @@ def fit_motion_scale(runs: Sequence[Run]) -> MotionScale | None:
     # (R, 5, 5) each: all axes, and those across the optical axis
     all_axes = np.array([_multiply_columns(run.seen_m, run.reference_m, run.lever) for run in moving])
     across = np.array([_multiply_columns(r.seen_m[:, :2], r.reference_m[:, :2], r.lever[:, :2]) for r in moving])
+    weights = _weigh(moving, all_axes)[:, None, None]
+    products = np.sum(weights * all_axes, axis=0)
     return MotionScale(
-        path=jackknife(all_axes, _scale_log),
-        sideways=jackknife(across, _scale_log),
-        correlation=correlate(moving),
+        path=jackknife(weights * all_axes, _scale_log),
+        sideways=jackknife(weights * across, _scale_log),
+        correlation=float(products[0, 4] / math.sqrt(products[0, 0] * products[4, 4] + 1e-30)),
         runs=len(moving),
     )
+
+
+def _weigh(runs: Sequence[Run], equations: Array) -> Array:
+    """(R,) inverse variance of the camera's positions in each run, by what the scale leaves over, in 1/(mean variance).
+
+    Args:
+        runs: The runs.
+        equations: (R, 5, 5) of their paths, see `_scale_log`.
+    """
+    weights = np.ones(len(runs))
+    for _ in range(_WEIGHT_ROUNDS):
+        scale_log = _scale_log(np.tensordot(weights, equations, axes=1))
+        if math.isnan(scale_log):
+            return np.ones(len(runs))
+        scale = math.exp(scale_log)
+        least = (scale * _LEAST_SD_M) ** 2
+        variances = np.array([np.mean((run.seen_m - scale * run.reference_m) ** 2) + least for run in runs])
+        weights = 1.0 / variances
+        weights /= weights.mean()
+    return weights
 
 
 def _scale_log(equations: Array) -> float:
