@@ -155,7 +155,7 @@ class DepthScale:
         """Whether a wrong focal length may be the cause of a wrong sideways motion."""
         needed = LogRatio(value=-sideways.value, half=sideways.half)
         known = [self.focal] if self.by_planes is None else [self.focal, self.by_planes]
-        is_possible = all(_agree(ratio, needed) for ratio in known)
+        is_possible = all(ratio.agrees(needed) for ratio in known)
         return is_possible and abs(needed.value) < _LARGEST_FOCAL_LOG and not self.focal.is_beyond(WARNING_LOG)
 
 
@@ -168,11 +168,6 @@ def _to_usual(value: float, half: float) -> float:
     """The factor of a logarithm, or the one between usual units that is within its interval."""
     usual = min(_USUAL_FACTORS, key=lambda factor: abs(math.log(factor) - value))
     return usual if abs(math.log(usual) - value) < half else math.exp(value)
-
-
-def _agree(a: LogRatio, b: LogRatio) -> bool:
-    """Whether the intervals of two logarithms allow the same value."""
-    return abs(a.value - b.value) <= math.hypot(a.half, b.half)
 
 
 def measure_depth_scales(recording: Recording, gyros: Mapping[str, Block[Imu]]) -> dict[str, DepthScale]:
@@ -238,6 +233,7 @@ def measure_depth_scale(
             tracks += [run for run in runs if run.t_ns[-1] - run.t_ns[0] > _SHORTEST_RUN_S * 1e9]
         focal = measure_focal_by_images(tracks)
         motion = _fit(reference, tracks, 1.0)
+        focal = focal if motion is None else focal.combine(motion.focal)
         is_right = not reference.topic if motion is None else motion.path.is_within(MARGIN_LOG)
         if is_right and focal.is_within(MARGIN_LOG):
             break

@@ -76,6 +76,18 @@ class LogRatio:
         """Whether the interval lies entirely within a margin (a logarithm) on both sides."""
         return abs(self.value) + self.half < margin
 
+    def combine(self, other: LogRatio) -> LogRatio:
+        """The mean of two estimates by their weights; the more certain one if they contradict each other."""
+        if math.isinf(self.half) or math.isinf(other.half) or not self.agrees(other, 1.5):
+            return min(self, other, key=lambda ratio: ratio.half)
+        weights = 1.0 / self.half**2, 1.0 / other.half**2
+        value = (weights[0] * self.value + weights[1] * other.value) / sum(weights)
+        return LogRatio(value=value, half=1.0 / math.sqrt(sum(weights)))
+
+    def agrees(self, other: LogRatio, margin: float = 1.0) -> bool:
+        """Whether both allow the same value, in multiples of the half width of their difference's interval."""
+        return abs(self.value - other.value) <= margin * math.hypot(self.half, other.half)
+
     def contains(self, value: float) -> bool:
         """Whether a logarithm is in the interval."""
         return abs(self.value - value) <= self.half
@@ -88,12 +100,14 @@ class MotionScale:
     Attributes:
         path: Length of the camera's path over that of the reference.
         sideways: The same across the optical axis.
+        focal: Calibrated focal length over the one with which both parts of the path have one scale.
         correlation: Of both paths.
         runs: Number of runs.
     """
 
     path: LogRatio
     sideways: LogRatio
+    focal: LogRatio
     correlation: float
     runs: int
 
@@ -163,9 +177,13 @@ def fit_motion_scale(runs: Sequence[Run]) -> MotionScale | None:
     across = np.array([_multiply_columns(r.seen_m[:, :2], r.reference_m[:, :2], r.lever[:, :2]) for r in moving])
     weights = _weigh(moving, all_axes)[:, None, None]
     products = np.sum(weights * all_axes, axis=0)
+    parts = np.stack(
+        (weights * (all_axes - across), weights * across), axis=1
+    )  # (R, 2, 5, 5) along the axis, across it
     return MotionScale(
         path=jackknife(weights * all_axes, _scale_log),
         sideways=jackknife(weights * across, _scale_log),
+        focal=jackknife(parts, lambda sums: _scale_log(sums[0]) - _scale_log(sums[1])),
         correlation=float(products[0, 4] / math.sqrt(products[0, 0] * products[4, 4] + 1e-30)),
         runs=len(moving),
     )

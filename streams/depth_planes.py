@@ -21,12 +21,12 @@ from stridetwin.streams.samples import Array, Mask
 
 FOCAL_FIELD = "intrinsics"
 """Field of what is implausible in a focal length."""
-HEIGHT_M = (0.3, 2.3)
-"""Least and largest plausible height of a camera that a person carries, above the floor or a table."""
+HEIGHT_M = (0.4, 2.3)
+"""Least and largest plausible height of a camera on head or chest, or in a hand, above the floor or a table."""
 _USUAL_HEIGHT_M = 1.4
 """Height between those of chest and head."""
-_SHOES = ("foot_l", "foot_r")
-"""Bodies on which a camera is lower."""
+_BODIES = ("head", "torso")
+"""Bodies on which a camera has such a height."""
 _FOCAL_MARGIN_LOG = math.log(1.1)
 """Logarithm of the factor by which a focal length may be off."""
 _GRID = 64
@@ -186,8 +186,8 @@ def find_implausible_planes(
 ) -> Iterator[Implausible]:
     """Yields an `Implausible` if planes show a wrong focal length or unit of depth.
 
-    Floor and walls are perpendicular, and a person carries a camera 0.3 to 2.3 m above the ground, or wears it on a
-    shoe.
+    Floor and walls are perpendicular, and a person carries a camera 0.4 to 2.3 m above the ground, on head or chest or
+    in a hand.
 
     Args:
         views: Planes of several images.
@@ -203,7 +203,7 @@ def find_implausible_planes(
             f"90°, as with {f / focal.ratio:.3g} ± {f / focal.ratio * focal.half_log:.2g} px; --rig gives the "
             f"calibration for images of {camera.width} x {camera.height}",
         )
-    height_m = None if camera.mount.body in _SHOES else measure_camera_height(views)
+    height_m = measure_camera_height(views) if camera.mount.body in _BODIES else None
     if height_m is not None and not HEIGHT_M[0] <= height_m <= HEIGHT_M[1]:
         advice = advise_depth_unit(height_m, HEIGHT_M, _USUAL_HEIGHT_M, per_metre)
         valid = f"{HEIGHT_M[0]:g} to {HEIGHT_M[1]:g} m, as a person carries it{advice}"
