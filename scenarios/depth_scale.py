@@ -56,6 +56,8 @@ _MOST_CANDIDATES = 120
 """Most windows among which those with the most motion are chosen."""
 _PLANE_VIEWS = 12
 """Depth images in which planes are looked for."""
+_KNOWN_FOCAL_LOG = 0.06
+"""Half width of the interval of a focal length's logarithm up to which floor and walls are not asked."""
 _LARGEST_FOCAL_LOG = math.log(1.75)
 """A larger scale is no focal length: no lens is so far from a calibrated one."""
 _USUAL_FACTORS = (0.001, 0.1, 0.2, 0.25, 0.5, 2.0, 4.0, 5.0, 10.0, 1000.0)
@@ -190,7 +192,9 @@ def find_implausible_views(recording: Recording, scales: Mapping[str, DepthScale
     cameras = recording.rig.cameras.values() if recording.has_rig and recording.is_mcap else ()
     for camera in cameras:
         scale = scales.get(camera.depth_topic)
-        if camera.depth_topic not in recording.topics or (scale is not None and scale.motion is not None):
+        is_focal_known = scale is not None and scale.focal.half < _KNOWN_FOCAL_LOG
+        is_depth_known = scale is not None and scale.motion is not None
+        if camera.depth_topic not in recording.topics or (is_focal_known and is_depth_known):
             continue
         try:
             depths = _sample_depths(recording, camera)
@@ -200,9 +204,8 @@ def find_implausible_views(recording: Recording, scales: Mapping[str, DepthScale
         if not implausible:
             views = [find_planes(depth, camera) for depth in depths]
             implausible = list(find_implausible_planes(views, camera, _units_per_metre(recording)))
-        is_focal_known = scale is not None and math.isfinite(scale.focal.half)
         for finding in implausible:
-            if finding.field != FOCAL_FIELD or not is_focal_known:
+            if not (is_focal_known if finding.field == FOCAL_FIELD else is_depth_known):
                 yield camera.depth_topic, finding
 
 
