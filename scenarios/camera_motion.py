@@ -33,7 +33,7 @@ class _FlowOptions(TypedDict):
 
 _WIDTH = 400
 """Most pixels across of the images that are tracked."""
-_FEATURES, _FEWEST_FEATURES = 200, 25
+_FEATURES, _FEWEST_FEATURES = 200, 15
 """Most features of a run, and the number below which it ends."""
 _CORNER_QUALITY, _CORNER_SPACING_PX = 0.01, 8
 """Least strength of a corner relative to the strongest one, and least distance of two corners."""
@@ -43,8 +43,8 @@ _SURFACE_PX = 2
 _BEND_SHARE, _SLANT_SHARE = 0.1, 0.3
 """They are if inverse depths on opposite sides differ from that in the middle by less than this share in sum, and from
 one another by less than this: twice the noise of stereo depth at 5 m, and a floor at 5 m."""
-_INLIER_PX = 1.0
-"""Largest residual of an inlier, in pixels of the tracked image."""
+_INLIER_PX = 2.5
+"""Largest residual of an inlier, px of the tracked image: 2 % of noise in depth after a way of half the depth."""
 _RANSAC_ROUNDS = 60
 _MOST_POSES = 20
 """Most images of a run whose pose is computed, spread over it: 16 Hz for steps at 2 Hz."""

@@ -11,8 +11,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
-from stridetwin.scenarios.camera_motion import Tracks
+from stridetwin.scenarios.camera_motion import Tracks, solve_path
 from stridetwin.scenarios.motion_scale import LogRatio, jackknife
 from stridetwin.streams.algebra.arrays import exp, hat
 from stridetwin.streams.samples import Array
@@ -21,14 +22,12 @@ _RATIOS_LOG = np.linspace(math.log(0.6), math.log(1.0 / 0.6), 9)
 """Logarithms of the ratios of focal lengths that are compared."""
 _IMAGES = 5
 """Most images of a run that are compared with its first one, spread over it."""
-_RESIDUAL_PX = 1.0
+_RESIDUAL_PX = 1.5
 """Residual in pixels of the tracked image from which a feature counts less (Geman and McClure's function)."""
 _ROUNDS = 7
 """Rounds of Gauss and Newton for the poses at each focal length."""
 _FEWEST_RUNS = 4
 """Runs from which a focal length counts."""
-_FEWEST_FEATURES = 25
-"""Features in an image from which its pose counts."""
 _DAMPING = 1e-6
 """Of the least squares, relative to their diagonal."""
 
@@ -41,7 +40,10 @@ def measure_focal_by_images(runs: Sequence[Tracks]) -> LogRatio:
     costs = np.array([cost for run in runs if (cost := _costs(run)) is not None])
     if len(costs) < _FEWEST_RUNS:
         return LogRatio(value=0.0, half=math.inf)
-    return jackknife(costs, _minimum)
+    # runs without rotation know nothing: they do not count as further evidence
+    contrast = np.ptp(costs, axis=1)
+    effective = float(contrast.sum() ** 2 / (np.sum(contrast**2) + 1e-30))
+    return jackknife(costs, _minimum, freedom=effective - 1.0)
 
 
 def _minimum(costs: Array) -> float:
@@ -57,23 +59,26 @@ def _minimum(costs: Array) -> float:
 
 def _costs(run: Tracks) -> Array | None:
     """(F,) costs of the best poses with each focal length; None for a run of too few features."""
-    chosen = np.unique(np.linspace(1, len(run.t_ns) - 1, _IMAGES).round().astype(int))
-    chosen = chosen[run.is_tracked[chosen].sum(axis=1) >= _FEWEST_FEATURES]
-    if len(chosen) < 2:
+    path = solve_path(run)
+    if path is None:
         return None
+    # images of the path, without the first one
+    numbers = np.unique(np.linspace(1, len(path.t_ns) - 1, _IMAGES).round().astype(int))
+    chosen = np.searchsorted(run.t_ns, path.t_ns[numbers])
+    R = np.swapaxes(path.R_first_camera[numbers], 1, 2)
+    t = -np.einsum("iab,ib->ia", R, path.p_camera_in_first[numbers])
     weights, costs = run.is_tracked[chosen].astype(float), np.empty(len(_RATIOS_LOG))
     middle = len(_RATIOS_LOG) // 2
-    R, t = _fit_poses(run, chosen, weights, 1.0, None)[:2]
-    for numbers in (range(middle, len(_RATIOS_LOG)), range(middle - 1, -1, -1)):
+    for order in (range(middle, len(_RATIOS_LOG)), range(middle - 1, -1, -1)):
         pose = R, t
-        for i in numbers:
+        for i in order:
             *pose_at_ratio, costs[i] = _fit_poses(run, chosen, weights, math.exp(_RATIOS_LOG[i]), pose)
             pose = pose_at_ratio[0], pose_at_ratio[1]
     return costs
 
 
 def _fit_poses(
-    run: Tracks, chosen: Array, weights: Array, ratio: float, start: tuple[Array, Array] | None
+    run: Tracks, chosen: NDArray[np.intp], weights: Array, ratio: float, start: tuple[Array, Array]
 ) -> tuple[Array, Array, float]:
     """Poses of some images that fit best with a focal length, and their cost.
 
@@ -82,14 +87,14 @@ def _fit_poses(
         chosen: (I,) numbers of the images.
         weights: (I, N) 1 for a feature that is tracked in an image, else 0.
         ratio: Calibrated focal length over the assumed one.
-        start: (I, 3, 3) rotations and (I, 3) translations from the first image's axes to each image's; None: no motion.
+        start: (I, 3, 3) rotations and (I, 3) translations, m, from the first image's axes to each image's.
 
     Returns:
         The same at the minimum, and the mean robust squared residual, px².
     """
     points = np.column_stack((run.rays[0] * ratio, np.ones(len(run.depth)))) * run.depth[:, None]
     seen, pixel = run.rays[chosen] * ratio, run.pixel * ratio
-    R, t = (np.tile(np.eye(3), (len(chosen), 1, 1)), np.zeros((len(chosen), 3))) if start is None else start
+    R, t = start
     cost = math.inf
     for _ in range(_ROUNDS):
         moved = np.einsum("iab,nb->ina", R, points) + t[:, None]  # (I, N, 3)

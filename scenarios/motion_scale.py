@@ -232,12 +232,13 @@ def _multiply_columns(seen: Array, reference: Array, lever: Array) -> Array:
     return columns.T @ columns
 
 
-def jackknife(sums: Array, logarithm: Callable[[Array], float]) -> LogRatio:
+def jackknife(sums: Array, logarithm: Callable[[Array], float], freedom: float = math.inf) -> LogRatio:
     """A logarithm of a ratio over R runs, with an interval from a jackknife.
 
     Args:
         sums: (R, ...) sums of each run.
         logarithm: Of the sum (...) of all runs, or of all but one.
+        freedom: Degrees of freedom, where some runs count for little; at most R - 1.
     """
     total = sums.sum(axis=0)
     value = logarithm(total)
@@ -245,7 +246,8 @@ def jackknife(sums: Array, logarithm: Callable[[Array], float]) -> LogRatio:
     if not (math.isfinite(value) and np.isfinite(without_one).all()):
         return LogRatio(value=0.0, half=math.inf)
     variance = (len(sums) - 1) * float(np.var(without_one)) + _MODEL_SD_LOG**2
-    return LogRatio(value=value, half=_student_975(len(sums) - 1) * math.sqrt(variance))
+    freedom = max(1.0, min(freedom, len(sums) - 1.0))
+    return LogRatio(value=value, half=_student_975(freedom) * math.sqrt(variance))
 
 
 def _interpolate(at: Array, t: Array, values: Array) -> Array:
@@ -253,9 +255,9 @@ def _interpolate(at: Array, t: Array, values: Array) -> Array:
     return np.column_stack([np.interp(at, t, values[:, i]) for i in range(values.shape[1])])
 
 
-def _student_975(freedom: int) -> float:
+def _student_975(freedom: float) -> float:
     """The 97.5 % quantile of Student's distribution (Abramowitz and Stegun 1972, 26.7.5), from 3 degrees on to 1 %."""
-    z, n = _NORMAL_975, float(freedom)
+    z, n = _NORMAL_975, freedom
     return (
         z
         + (z**3 + z) / (4 * n)
