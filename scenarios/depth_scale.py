@@ -130,11 +130,15 @@ class DepthScale:
                 f"{self.camera.height} with --rig"
             )
             yield what, self.focal.is_beyond(MARGIN_LOG)
-        if self.motion is None or not self.motion.path.is_beyond(WARNING_LOG):
+        if self.motion is None or not self.motion.is_beyond(WARNING_LOG):
             return
-        path, sideways = self.motion.path, self.motion.sideways
-        cause = ""
-        if self._may_be_focal(sideways):
+        path, sideways, cause = self.motion.path, self.motion.sideways, ""
+        may_be_focal = self._may_be_focal(sideways)
+        if not path.is_beyond(WARNING_LOG):
+            if not may_be_focal:
+                return
+            path = sideways
+        if may_be_focal:
             expected = _divide(f, LogRatio(value=-sideways.value, half=sideways.half))
             if self.by_planes is not None and self.by_planes.is_beyond(WARNING_LOG):
                 what = (
@@ -244,7 +248,7 @@ def measure_depth_scale(
         motion = _fit(reference, tracks, 1.0 / focal.ratio)
     if motion is None and math.isinf(focal.half):
         return None
-    is_open = motion is not None and motion.path.is_beyond(WARNING_LOG) and not focal.is_beyond(WARNING_LOG)
+    is_open = motion is not None and motion.is_beyond(WARNING_LOG) and not focal.is_beyond(WARNING_LOG)
     return DepthScale(
         reference=reference.topic,
         camera=camera,

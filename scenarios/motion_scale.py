@@ -111,6 +111,10 @@ class MotionScale:
     correlation: float
     runs: int
 
+    def is_beyond(self, margin: float) -> bool:
+        """Whether the path or its sideways part is certainly wrong by more than a margin (a logarithm)."""
+        return self.path.is_beyond(margin) or self.sideways.is_beyond(margin)
+
     @property
     def is_usable(self) -> bool:
         """Whether the paths agree well enough for a scale."""
