@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NotRequired, TypedDict, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.scenarios.camera_clock import CameraClock, ClockRow, moving_board
-from stridetwin.scenarios.camera_fit import fit_camera
+from stridetwin.scenarios.camera_clock import ClockRow, moving_board
+from stridetwin.scenarios.camera_fit import CameraFit, fit_camera
+from stridetwin.scenarios.depth_scale import DepthScale, DepthScaleRow, find_implausible_views, measure_depth_scales
 from stridetwin.sim.parts.library import full_scales
 from stridetwin.streams.errors import check_type
 from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
@@ -153,6 +154,7 @@ class CheckData(TypedDict):
         schema_version: Version of its format; "" for other formats.
         topics: Figures of each stream.
         camera_clocks: Clock of each camera that could be checked.
+        depth_scales: Scale of each depth stream that could be compared with a motion.
         findings: Errors and warnings: topic, text, and whether it is an error.
         valid: Whether no finding is an error.
     """
@@ -162,6 +164,7 @@ class CheckData(TypedDict):
     schema_version: str
     topics: dict[str, CheckedTopic]
     camera_clocks: dict[str, ClockRow]
+    depth_scales: dict[str, DepthScaleRow]
     findings: list[dict[str, str | bool]]
     valid: bool
 
@@ -210,8 +213,10 @@ def check_recording(recording: Recording, progress: Callable[[float], None] = la
         findings += topic_findings
     gyros = {topic: block.as_kind(Imu) for topic, block in inertial.items() if block.kind is Imu}
     # the clocks are the second half of the progress
-    clocks, clock_findings = _check_clocks(recording, gyros, lambda share: progress(_SHARE_OF_CLOCKS * (1 + share)))
-    findings += clock_findings
+    fits, camera_findings = _check_cameras(recording, gyros, lambda share: progress(_SHARE_OF_CLOCKS * (1 + share)))
+    clocks = {topic: fit.clock for topic, fit in fits.items() if fit.clock is not None}
+    scales, depth_findings = _check_depths(recording, gyros, fits.values())
+    findings += camera_findings + depth_findings
     # topics that were not read, with the type of their messages; the calibration of cameras is read elsewhere
     unread = {topic: kind for topic, kind in recording.unread.items() if not topic.endswith("/camera_info")}
     findings += [Finding(topic=t, what=f"not read: {kind}", is_error=False) for t, kind in sorted(unread.items())]
@@ -221,6 +226,7 @@ def check_recording(recording: Recording, progress: Callable[[float], None] = la
         "schema_version": recording.schema_version,
         "topics": topics,
         "camera_clocks": {topic: clock.row() for topic, clock in clocks.items()},
+        "depth_scales": {topic: scale.row() for topic, scale in scales.items()},
         "findings": [{"topic": f.topic, "what": f.what, "is_error": f.is_error} for f in findings],
         "valid": not any(f.is_error for f in findings),
     }
@@ -250,6 +256,10 @@ def check_table(check: Check) -> list[str]:
         lines.append(
             f"{topic}: time of {clock['imu']} = its own {shift}, calibration {clock['calibrated_s'] * 1e3:+.1f} ms"
         )
+    for topic, scale in check.data["depth_scales"].items():
+        if scale["scale"] is not None and scale["scale_half"] is not None:
+            size = f"{scale['scale']:.3g} ± {scale['scale_half']:.2g} (95 %)"
+            lines.append(f"{topic}: its motion is {size} times that of {scale['reference']}")
     for finding in check.findings:
         lines.append(f"{'ERROR' if finding.is_error else 'WARNING'}: {finding.text}")
     lines.append("valid" if check.is_valid else "invalid: see ERROR")
@@ -279,9 +289,9 @@ def _decode_images(recording: Recording) -> None:
             pass
 
 
-def _check_clocks(
+def _check_cameras(
     recording: Recording, gyros: Mapping[str, Block[Imu]], progress: Callable[[float], None]
-) -> tuple[dict[str, CameraClock], list[Finding]]:
+) -> tuple[dict[str, CameraFit], list[Finding]]:
     """Compares each camera with the IMU on its body: clock, mount, focal length and lever arm.
 
     Args:
@@ -290,11 +300,11 @@ def _check_clocks(
         progress: Receives the share of the work that is done (0-1).
 
     Returns:
-        The clocks by the camera's topic, without cameras that could not be checked; for these a warning says why.
+        The comparisons by the camera's topic. A warning says why a camera was not compared.
     """
     rig = recording.rig if recording.has_rig else Rig()
     cameras = [c for c in rig.cameras.values() if c.topic in recording.topics and c.imu_topic in gyros]
-    clocks, findings = dict[str, CameraClock](), list[Finding]()
+    fits, findings = dict[str, CameraFit](), list[Finding]()
     for i, camera in enumerate(cameras):
         progress(i / len(cameras))
         if (board := moving_board(rig, camera)) is not None:
@@ -312,9 +322,41 @@ def _check_clocks(
         if fit.clock is None:
             what = f"its clock and mount could not be checked with its images and the gyroscope of {camera.imu_topic}"
             findings.append(Finding(topic=camera.topic, what=what, is_error=False))
-            continue
-        clocks[camera.topic] = fit.clock
-    return clocks, findings
+        fits[camera.topic] = fit
+    return fits, findings
+
+
+def _check_depths(
+    recording: Recording, gyros: Mapping[str, Block[Imu]], fits: Collection[CameraFit]
+) -> tuple[dict[str, DepthScale], list[Finding]]:
+    """Compares the depth of each camera with its motion, and with planes and distances in some images.
+
+    A fault is reported once: a camera that is not as its calibration says has no motion to compare depth with, and a
+    focal length that the rotation shows is not asked for again.
+
+    Args:
+        recording: The recording.
+        gyros: Samples of the IMUs by topic.
+        fits: What is known of the cameras.
+
+    Returns:
+        The comparisons by the topic of the depth, and the findings.
+    """
+    faulty = {fit.camera.depth_topic for fit in fits if any(fault.spoils for fault in fit.list_faults())}
+    with_focal = {fit.camera.depth_topic for fit in fits if fit.focal is not None and fit.focal.is_certain}
+    scales = measure_depth_scales(recording, gyros, skipped=faulty)
+    findings = [
+        Finding(topic=topic, what=what, is_error=is_error)
+        for topic, scale in scales.items()
+        for what, is_error in scale.faults(asks_focal=topic not in with_focal)
+    ]
+    views = find_implausible_views(recording, scales)
+    findings += [
+        Finding(topic=topic, what=str(implausible), is_error=False)
+        for topic, implausible in views
+        if topic not in faulty
+    ]
+    return scales, findings
 
 
 def _check_topic(recording: Recording, topic: str, block: Block[S] | None) -> tuple[CheckedTopic, list[Finding]]:

@@ -34,6 +34,10 @@ _FEW_ROWS = 0.01
 """Share of rows that are no measurements from which on an estimate suffers."""
 _FASTEST = 60.0  # rad/s: 3400 °/s, beyond what foot-worn gyros measure
 _LEAST_FAR_M, _MOST_FAR_M, _USUAL_FAR_M = 0.6, 15.0, 3.0
+DEPTH_SCALE = "--depth-scale"
+"""Option that gives the units of a folder's depth images per metre."""
+DEPTH_UNITS = "depth_units_per_metre"
+"""Key of these units, as they were read, in the metadata of a recording."""
 _DEPTH_FACTORS = (5.0, 0.2, 10.0, 0.1, 2.0, 0.5, 1000.0, 0.001)
 """Factors between usual units of depth: 1/5000, 1/1000, 1/10000 and 1/2000 m, mm and m."""
 _NO_GRAVITY = "; has gravity been taken out? It must be the raw specific force"
@@ -232,7 +236,7 @@ def _find_implausible_rows(block: Block[Sample]) -> Iterator[Implausible]:
             )
 
 
-def find_implausible_depth(depths: Sequence[Array]) -> Iterator[Implausible]:
+def find_implausible_depth(depths: Sequence[Array], per_metre: float | None = None) -> Iterator[Implausible]:
     """Yields an `Implausible` if depth images have another unit than metres, by the distances that a person sees.
 
     A worn or carried camera sees something beyond 0.6 m in most images, and most of it within 15 m. The advice is by
@@ -240,6 +244,7 @@ def find_implausible_depth(depths: Sequence[Array]) -> Iterator[Implausible]:
 
     Args:
         depths: Some images (H, W) of one camera, m; 0 where there is none.
+        per_metre: Units per metre with which they were read; None if no option gives them.
     """
     valid = [depth[depth > 0.0] for depth in depths]
     far = [float(np.percentile(values, 95)) for values in valid if len(values)]
@@ -248,9 +253,35 @@ def find_implausible_depth(depths: Sequence[Array]) -> Iterator[Implausible]:
     seen_m = float(np.median(far))  # that 95 % of an image's pixels are within
     if _LEAST_FAR_M <= seen_m <= _MOST_FAR_M:
         return
-    factors = [f for f in _DEPTH_FACTORS if _LEAST_FAR_M <= f * seen_m <= _MOST_FAR_M]
-    # of several the one that puts the far end nearest to 3 m
-    factor = min(factors, key=lambda f: abs(math.log(f * seen_m / _USUAL_FAR_M)), default=None)
-    advice = "" if factor is None else f"; with {factor:g} times the depth it would be {factor * seen_m:.2g} m"
+    advice = advise_depth_unit(seen_m, (_LEAST_FAR_M, _MOST_FAR_M), _USUAL_FAR_M, per_metre)
     valid_range = f"{_LEAST_FAR_M:g} to {_MOST_FAR_M:g} m, as a person's camera sees"
     yield Implausible("depth", f"{seen_m:.2g} m within which 95 % of the pixels lie", f"{valid_range}{advice}")
+
+
+def advise_depth_unit(distance_m: float, valid_m: tuple[float, float], usual_m: float, per_metre: float | None) -> str:
+    """What to do about depth that makes a distance implausible, as the end of a message; "" without any advice.
+
+    Args:
+        distance_m: The distance.
+        valid_m: Least and largest plausible one.
+        usual_m: The most likely one, to which the advice leads as nearly as a usual unit allows.
+        per_metre: Units per metre with which the depth was read; None if no option gives them.
+    """
+    factors = [f for f in _DEPTH_FACTORS if valid_m[0] <= f * distance_m <= valid_m[1]]
+    if not factors:
+        return ""
+    factor = min(factors, key=lambda f: abs(math.log(f * distance_m / usual_m)))
+    advice = f"; with {factor:g} times the depth it would be {factor * distance_m:.2g} m"
+    return f"{advice}, {name_depth_option(factor, per_metre)}"
+
+
+def name_depth_option(factor: float, per_metre: float | None) -> str:
+    """The option with which the depth is multiplied by a factor, as text.
+
+    Args:
+        factor: By which the depth is to be multiplied.
+        per_metre: Units per metre with which it was read; None if the messages of a bag have a unit of their own.
+    """
+    if per_metre is None:
+        return f"by {DEPTH_SCALE} in units per metre (messages in 16UC1 should be in mm, in 32FC1 in m)"
+    return f"{DEPTH_SCALE} {per_metre / factor:.4g} in place of {per_metre:g}"

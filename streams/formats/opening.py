@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from stridetwin.streams.depth_planes import find_implausible_planes, find_planes
 from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError, read_error
 from stridetwin.streams.formats import euroc, iphone, openloris, seven_scenes, tum_rgbd
 from stridetwin.streams.formats.aria_vrs import read_aria_vrs
@@ -28,6 +29,7 @@ from stridetwin.streams.formats.imu_unmeasured import leave_out_unmeasured
 from stridetwin.streams.formats.unknown_folder import VIDEO, describe_parent, describe_unknown
 from stridetwin.streams.kalibr import read_rig
 from stridetwin.streams.plausible import (
+    DEPTH_UNITS,
     IMAGE_RATES_HZ,
     find_implausible_depth,
     find_implausible_rates,
@@ -92,10 +94,15 @@ _READERS: Mapping[str, Callable[..., Source]] = {
     "vrs": read_aria_vrs,
 }
 """The reader of each kind that is neither a bag nor a table."""
-DEPTH_SCALE, _DEPTH_IMAGES = "--depth-scale", 5
-"""The option, and the number of images whose depth is checked to be plausible."""
-_WITH_DEPTH_SCALE = ("tum", "7scenes", "openloris", "strayscanner")
-"""Formats whose reader takes the units of depth images per metre."""
+_DEPTH_IMAGES = 12
+"""Number of images whose depth is checked to be plausible."""
+_DEPTH_SCALES: Mapping[str, float] = {
+    "tum": tum_rgbd.PER_METRE,
+    "7scenes": seven_scenes.PER_METRE,
+    "openloris": openloris.PER_METRE,
+    "strayscanner": iphone.PER_METRE,
+}
+"""Usual units of depth images per metre, of the formats whose reader takes another number of them."""
 _EVENTS = (Footprint, Point)  # irregular events
 _MOST_LISTED = 8
 """Most entries of a folder that an error lists."""
@@ -219,6 +226,8 @@ def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | N
         return Recording(own_file, lenient)
     notes = Notes(path, lenient)
     metadata = {"imported_from": kind, "source": path.name}
+    if (per_metre := _units_per_metre(kind, options)) is not None:
+        metadata[DEPTH_UNITS] = f"{per_metre:g}"
     try:
         if own_file is not None:
             # first, because recordings of newer releases are rejected
@@ -246,6 +255,7 @@ def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | N
             notes.warn(f"{topic}: {text}")
     if own_file is None:  # units and clocks of our own recordings are not in doubt
         _check_plausible(source, notes)
+        _check_depth(source, rig, _units_per_metre(kind, options), notes)
     contents = ImportedContents(source.blocks, source.images, rig, metadata, source.unread, notes)
     if own_file is None:
         _check_overlap(contents, notes)
@@ -336,9 +346,16 @@ def _read_source(path: Path, kind: str, options: ImportOptions, notes: Notes) ->
         blocks: dict[str, Block[Sample]] = {name or only: block for name, block in imus.items()}
         return Source(kind=kind, blocks=blocks, images={}, rig=Rig(), names=names)
     if kind in _READERS:
-        has_scale = kind in _WITH_DEPTH_SCALE and options.depth_scale
-        return _READERS[kind](path, notes, **({"per_metre": options.depth_scale} if has_scale else {}))
+        per_metre = _units_per_metre(kind, options)
+        return _READERS[kind](path, notes, **({} if per_metre is None else {"per_metre": per_metre}))
     return _read_bag(path, kind, notes, options.depth_scale)
+
+
+def _units_per_metre(kind: str, options: ImportOptions) -> float | None:
+    """Units of depth images per metre; None for formats whose depth has a unit of its own, as messages of bags have."""
+    if kind in _DEPTH_SCALES:
+        return options.depth_scale or _DEPTH_SCALES[kind]
+    return None if kind in _READERS else options.depth_scale
 
 
 def _report_images(path: Path, notes: Notes) -> None:
@@ -634,9 +651,28 @@ def _check_plausible(source: Source, notes: Notes) -> None:
             continue
         for implausible in find_implausible_rates(rising, IMAGE_RATES_HZ):
             notes.add_problem(Problem(topic, int(rising[0]), str(implausible)))
-        if images.kind is Depth:
-            for implausible in find_implausible_depth(_sample_depths(images)):
-                notes.warn(f"{topic}: {implausible}; {DEPTH_SCALE} N gives the units per metre")
+
+
+def _check_depth(source: Source, rig: Rig, per_metre: float | None, notes: Notes) -> None:
+    """Warns of depth of another unit and of wrong focal lengths, which distances and planes in some images show.
+
+    Args:
+        source: The source, under our topics.
+        rig: Calibrations of its streams, whose assumed values count as well.
+        per_metre: Units of its depth images per metre; None if no option gives them.
+        notes: Collects the warnings.
+    """
+    for camera in rig.cameras.values():
+        images = source.images.get(camera.depth_topic)
+        if images is None or len(images.t_ns) < _FEWEST:
+            continue
+        depths = _sample_depths(images)
+        implausible = list(find_implausible_depth(depths, per_metre))
+        if not implausible:
+            views = [find_planes(depth, camera) for depth in depths if depth.shape == (camera.height, camera.width)]
+            implausible = list(find_implausible_planes(views, camera, per_metre))
+        for finding in implausible:
+            notes.warn(f"{camera.depth_topic}: {finding}")
 
 
 def _sample_depths(images: ImageStream) -> list[Array]:
