@@ -190,8 +190,8 @@ def measure_depth_scales(
         gyros: Samples of the IMUs by topic.
         skipped: Topics of depth that are left out.
     """
-    cameras = recording.rig.cameras.values() if recording.has_rig else ()
-    cameras = [camera for camera in cameras if camera.depth_topic not in skipped]
+    known = recording.rig.cameras.values() if recording.has_rig else ()
+    cameras = [camera for camera in known if camera.depth_topic not in skipped]
     scales = {camera.depth_topic: measure_depth_scale(recording, camera, gyros) for camera in cameras}
     return {topic: scale for topic, scale in scales.items() if scale is not None}
 
