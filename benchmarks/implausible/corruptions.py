@@ -265,7 +265,7 @@ def put_zeros(walk: Walk, rng: np.random.Generator) -> tuple[Walk, str]:
     return _with_imu(walk, replace(imu, rate=rate, force=force)), f"{what} 0 {where}"
 
 
-_AXES = r"\baxes\b|\baxis\b|handed|mirror|swapped|exchanged"
+_AXES = r"\baxes\b|handed|mirror|swapped|exchanged"
 _CLOCK = r"\bclocks?\b|overlap|earlier|later|stamped"
 CORRUPTIONS: Mapping[str, Corruption] = {
     "unit of rates": Corruption(

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stridetwin.estimators.base import AnyEstimator, Options
-from stridetwin.estimators.dvio import Dvio
-from stridetwin.estimators.foot_ins import FootIns
+from stridetwin.estimators.registry import estimator
 from stridetwin.estimators.terrain_map import TerrainMap
 from stridetwin.outputs.alignment import align
 from stridetwin.outputs.base import Output
@@ -30,22 +28,18 @@ _EYES_M = 1.6
 
 def follow_foot(recording: Recording) -> Trajectory:
     """The path of the left foot."""
-    return _follow(FootIns, recording)
+    return _follow("foot_ins", recording)
 
 
 def follow_head(recording: Recording) -> Trajectory:
     """The path of the head by its camera and IMU."""
-    return _follow(Dvio, recording)
+    return _follow("dvio", recording)
 
 
-def _follow(estimator: type[AnyEstimator], recording: Recording) -> Trajectory:
-    """The path of an estimator; poses without a trustworthy one before them are part of it."""
-    declaration = estimator.declaration
-    options = Options(method=declaration.methods[0])
-    (output, *_) = run_paths(instance_for(estimator, recording, options), recording)
-    path = output.estimates.path
-    assert isinstance(path, Trajectory)
-    return path
+def _follow(name: str, recording: Recording) -> Trajectory:
+    """The first path of an estimator, with its first method; of an estimator of one foot, that of the left one."""
+    (output, *_) = run_paths(instance_for(estimator(name), recording), recording)
+    return output.estimates.path
 
 
 def map_ground(recording: Recording, *, has_truth: bool) -> GroundGrid:

@@ -101,6 +101,13 @@ def test_a_reported_corruption_is_right(corruption, form, outcome, tmp_path):
     assert trial.reports
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_forces_are_never_mirrored_as_a_whole(seed):
+    walk = make_foot_walk()
+    changed, _ = CORRUPTIONS["axes of forces"].edit(walk, np.random.default_rng(seed))
+    assert not np.allclose(changed.imu.force, -walk.imu.force)
+
+
 def test_a_good_table_gives_no_alarm(tmp_path):
     assert not any(map(is_alarm, list_reports(FORMATS["csv"].write(tmp_path, make_foot_walk()))))
 
