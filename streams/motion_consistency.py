@@ -25,9 +25,11 @@ _STEP_S, _PIECE_STEPS = 0.02, 12
 """Length of a step over which rates and forces are averaged, s, and steps of a piece, which are summed up at once."""
 _SMOOTH_PIECES = 4
 """Pieces over which the speed is averaged, 1 s: about a stride, in which a foot's own speed averages out."""
-_SPAN_S, _FEWEST_SPANS, _MOST_SPANS = (3.0, 12.0), 4, 16
-"""Shortest and longest span, s, how many of them a judgement needs, and most that are looked at, spread over the
-recording."""
+_SPAN_S, _SPANS = (3.0, 12.0), (4, 6, 16)
+"""Shortest and longest span, s; and how many of them a judgement needs, how many a short recording is cut into if that
+is possible, and most that are looked at, spread over the recording."""
+_FEWEST_SHOW = 3
+"""Spans that must show a mistake."""
 _LONGEST_GAP_S = 0.1
 """Longest step between samples across which rates are integrated, s."""
 _USUAL_MPS, _POSSIBLE_MPS = 0.7, 1.5
@@ -95,10 +97,10 @@ def find_motion_fault(t_ns: Stamps, specific_force: Array, angular_rate: Array) 
     if spans is None:
         return None
     recorded = measure_speeds(spans, np.eye(3)[None])[0]
-    if np.sum(recorded > _USUAL_MPS) < _FEWEST_SPANS:
+    if np.sum(recorded > _USUAL_MPS) < _FEWEST_SHOW:
         return None
     recorded = _measure_without_bias(spans, np.eye(3))
-    if np.sum(recorded > _USUAL_MPS) < _FEWEST_SPANS:
+    if np.sum(recorded > _USUAL_MPS) < _FEWEST_SHOW:
         return None
     least, result = np.inf, None
     for correction, corrected in _correct(t, specific_force, angular_rate, spans):
@@ -123,7 +125,7 @@ def _explain(recorded: Array, corrected: Array, most_mps: float, cause: str) -> 
     is_explained = is_too_large & (corrected < _EXPLAINED * recorded)
     is_contradicted = (corrected > most_mps) & (recorded < _EXPLAINED * corrected)
     count = int(is_explained.sum())
-    if count < _FEWEST_SPANS or count < (1 - _MOST_UNEXPLAINED) * is_too_large.sum():
+    if count < _FEWEST_SHOW or count < (1 - _MOST_UNEXPLAINED) * is_too_large.sum():
         return None
     if is_contradicted.sum() > _MOST_CONTRADICTED * count:
         return None
@@ -202,7 +204,7 @@ def cut_spans(t: Array, force: Array, rate: Array) -> Spans | None:
     steps = int((t[-1] - t[0]) / _STEP_S)
     pieces = steps // _PIECE_STEPS
     piece_s = _PIECE_STEPS * _STEP_S
-    if pieces * piece_s < _FEWEST_SPANS * _SPAN_S[0]:
+    if pieces * piece_s < _SPANS[0] * _SPAN_S[0]:
         return None
     edges = t[0] + _STEP_S * np.arange(pieces * _PIECE_STEPS + 1)
     means = np.stack([average_between(t, integrate(t, values), edges) for values in (rate, force)])  # (2, steps, 3)
@@ -211,11 +213,11 @@ def cut_spans(t: Array, force: Array, rate: Array) -> Spans | None:
     for gap in gaps:
         first, last = (int((t[row] - t[0]) / piece_s) for row in (gap, gap + 1))
         broken[first : last + 1] = True
-    length = int(np.clip(pieces * piece_s / _FEWEST_SPANS, *_SPAN_S) / piece_s)  # pieces of a span
+    length = int(np.clip(pieces * piece_s / _SPANS[1], *_SPAN_S) / piece_s)  # pieces of a span
     starts = _place_spans(broken, length)
-    if len(starts) < _FEWEST_SPANS:
+    if len(starts) < _SPANS[0]:
         return None
-    starts = [starts[k] for k in np.unique(np.linspace(0, len(starts) - 1, _MOST_SPANS).round().astype(int))]
+    starts = [starts[k] for k in np.unique(np.linspace(0, len(starts) - 1, _SPANS[2]).round().astype(int))]
     rows = np.array(starts)[None, :] + np.arange(length)[:, None]  # (P, K)
     cut = means.reshape(2, pieces, _PIECE_STEPS, 3)[:, rows]  # (2, P, K, steps, 3)
     rates, forces = np.moveaxis(cut, 3, 1)
@@ -310,7 +312,8 @@ def _measure_without_bias(spans: Spans, matrix: Array) -> Array:
         biases = bias + np.concatenate([np.zeros((1, 3)), _BIAS_STEP_RADPS * np.eye(3)])
         deviations, _, _ = fit_lines(sum_forces(spans, np.repeat(matrix[None], 4, axis=0), biases))
         base, changes = deviations[0], (deviations[1:] - deviations[0]) / _BIAS_STEP_RADPS
-        weights = 1.0 / (_SPEED_SD_MPS**2 + (base**2).sum(axis=-1).mean(axis=-1))  # (K,)
+        # (K,); a span counts once, however many sums it has, as these depend on one another
+        weights = 1.0 / (_SPEED_SD_MPS**2 + (base**2).sum(axis=-1).mean(axis=-1)) / base.shape[1]
         normal = np.einsum("k,akmi,bkmi->ab", weights, changes, changes) + np.eye(3) / _BIAS_SD_RADPS**2
         gradient = np.einsum("k,akmi,kmi->a", weights, changes, base) + bias / _BIAS_SD_RADPS**2
         bias = bias - np.linalg.solve(normal, gradient)

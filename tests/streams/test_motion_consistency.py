@@ -5,8 +5,14 @@ import math
 import numpy as np
 import pytest
 
+from stridetwin.scenarios.check import check_recording
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.formats.imu_table import write_imu_table
+from stridetwin.streams.formats.opening import open_any
 from stridetwin.streams.motion_consistency import find_motion_fault
 from stridetwin.streams.plausible import find_implausible_values
+from stridetwin.streams.recording.reader import Recording, RecordingWriter
+from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, Imu
 from tests.streams.worn_imu import simulate_worn
 
@@ -109,3 +115,34 @@ def _turn_to_z(direction):
     from scipy.spatial.transform import Rotation
 
     return Rotation.align_vectors([[0.0, 0.0, 1.0]], [direction])[0].as_matrix()
+
+
+def test_import_and_check_both_report(tmp_path):
+    t, force, rate = simulate_worn(0, 40.0)
+    swapped = Block(
+        topic="/head/imu",
+        kind=Imu,
+        t_ns=to_stamps(t),
+        columns={"specific_force": force, "angular_rate": rate[:, [1, 0, 2]]},
+    )
+    cause = "the axes x, y, z of the forces are y, x, z of the rates"
+    write_imu_table(tmp_path / "head.csv", swapped)
+    with pytest.raises(StrideTwinError, match=cause):
+        open_any(tmp_path / "head.csv")
+    with RecordingWriter(tmp_path / "head.mcap", Rig()) as writer:
+        writer.write(swapped)
+    findings = check_recording(Recording(tmp_path / "head.mcap", lenient=True)).findings
+    assert any(cause in finding.what and finding.is_error for finding in findings)
+
+
+def test_lost_rows_are_a_warning_of_import_and_check(tmp_path):
+    t, force, rate = simulate_worn(0, 40.0, 0.1)
+    kept = np.random.default_rng(1).random(len(t)) > 0.1
+    columns = {"specific_force": force[kept], "angular_rate": rate[kept]}
+    write_imu_table(
+        tmp_path / "head.csv", Block(topic="/head/imu", kind=Imu, t_ns=to_stamps(t[: kept.sum()]), columns=columns)
+    )
+    recording = open_any(tmp_path / "head.csv")
+    assert sum("as if rows were missing" in warning for warning in recording.warnings) == 1
+    findings = check_recording(recording).findings
+    assert [f.is_error for f in findings if "as if rows were missing" in f.what] == [False]
