@@ -34,6 +34,8 @@ _WIDE_EDGES = 2
 """Edges of a flight that must be so long: others may be occluded, by a leg or by the border of the image."""
 _BROAD_M = 0.8
 """Shortest of two edges that are stairs though no landing is seen beyond them: furniture is narrower."""
+_LANDING_M = 0.8
+"""Shorter side of the smallest landing, after building codes; that of two crates side by side is 0.6 m."""
 _FLIGHT_RISERS = 3
 """So many rises are stairs wherever they lead, and fewer lead to a landing or are broad."""
 _LIKE_RATIO = 1.35
@@ -110,14 +112,14 @@ def select_walkable(
         rows: Rows of risers from the lowest, see `find_flights`.
         planes: Planes by id.
         walked: Ids of planes that have been walked on.
-        p: Dimensions of stairs.
+        p: Smallest riser, and slope of a level.
     """
     above: dict[int, list[Row]] = {}  # by id of a plane: the rows that lead up from it
     for row in rows:
         above.setdefault(row[0].lower, []).append(row)
     # `id()` of the rows that are as wide as a person; of these, the rows that one can go up from the ground
     wide = {id(row) for row in rows if _count_edges(row, _MIN_WIDTH_M) >= min(_WIDE_EDGES, len(row))}
-    climbable = {id(row) for row in rows if id(row) in wide and (_is_broad(row) or _leads_far(row, above, planes, p))}
+    climbable = {id(row) for row in rows if id(row) in wide and (_is_broad(row) or _leads_far(row, above, planes))}
     ends = {id_ for row in rows if id(row) in wide for id_ in (row[0].lower, row[-1].upper)}
     reached, treads, selected = set(walked), set[int](), set[int]()
     waiting, ground = list(rows), set(walked)  # `ground`: of what is reached, where other ground may go on
@@ -137,7 +139,7 @@ def select_walkable(
         for row in fresh:
             selected.add(id(row))
             passed = {row[0].lower, *(riser.upper for riser in row)}
-            treads |= {riser.upper for riser in row if not _is_landing(planes[riser.upper], riser.down, p)}
+            treads |= {riser.upper for riser in row if not _is_landing(planes[riser.upper])}
             ground |= passed - reached - treads
             reached |= passed
         waiting = [row for row in waiting if id(row) not in selected]
@@ -165,34 +167,30 @@ def _are_like(row: Row) -> bool:
     return max(heights) <= _LIKE_RATIO * min(heights)
 
 
-def _leads_far(
-    row: Row, above: dict[int, list[Row]], planes: dict[int, Plane], p: TerrainMapParameters, rises: int = 0
-) -> bool:
+def _leads_far(row: Row, above: dict[int, list[Row]], planes: dict[int, Plane], rises: int = 0) -> bool:
     """Whether a row leads up to a landing, or by as many rises as a flight has, alone or with the rows that follow it.
 
     Args:
         row: Risers from the lowest.
         above: By id of a plane: the rows that lead up from it.
         planes: Planes by id.
-        p: Dimensions of stairs.
         rises: Number of rises below this row.
     """
     rises, top = rises + len(row), row[-1]
-    if rises >= _FLIGHT_RISERS or _is_landing(planes[top.upper], top.down, p):
+    if rises >= _FLIGHT_RISERS or _is_landing(planes[top.upper]):
         return True
-    return any(_leads_far(upper_row, above, planes, p, rises) for upper_row in above.get(top.upper, []))
+    return any(_leads_far(upper_row, above, planes, rises) for upper_row in above.get(top.upper, []))
 
 
-def _is_landing(plane: Plane, down: Array, p: TerrainMapParameters) -> bool:
-    """Whether a plane is longer than a tread along and across the way; `down` (2,) is the direction of the way.
+def _is_landing(plane: Plane) -> bool:
+    """Whether a plane is at least as long as a landing in every direction.
 
-    Its sides are those of a rectangle with the same scatter: a uniform distribution of length l has the variance
-    l² / 12.
+    Its shorter side is that of a rectangle with the same scatter: a uniform distribution of length l has the variance
+    l² / 12, and the smaller eigenvalue of the covariance is that of the shorter side.
     """
     (xx, xy), (_, yy) = plane.spread.tolist()
-    u, v = down.tolist()
-    along, across = u * u * xx + 2.0 * u * v * xy + v * v * yy, v * v * xx - 2.0 * u * v * xy + u * u * yy
-    return min(along, across) >= p.max_tread_m**2 / 12.0
+    least_variance = 0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy)
+    return least_variance >= _LANDING_M**2 / 12.0
 
 
 def _level_with(ground: set[int], wanted: set[int], planes: dict[int, Plane], p: TerrainMapParameters) -> set[int]:

@@ -83,6 +83,7 @@ def test_a_narrow_part_of_a_tread_belongs_to_its_flight():
         (0.40, 1.50, False),  # the hedge of a planter
         (0.05, 1.50, False),  # its rim
         (1.5, 0.40, False),  # from its end
+        (0.60, 0.74, False),  # two crates side by side
     ],
 )
 def test_a_single_rise_leads_to_a_landing(long, wide, walkable):
