@@ -1,6 +1,8 @@
 """Inputs at which the fuzzer found a traceback, a slow reader or a text of several lines; each stands for its kind."""
 
+import contextlib
 import re
+import sqlite3
 import struct
 import time
 import warnings
@@ -215,7 +217,19 @@ def test_a_position_beyond_all_rooms_is_left_out(tmp_path):
     assert np.abs(truth.columns["v_frame_in_world"]).max() < 10.0
 
 
-def test_a_database_whose_names_are_no_text(tmp_path):
+@pytest.mark.parametrize("entry", ["timestamp = 'text'", "timestamp = 0.5", "data = 'text'", f"data = {10**11}"])
+def test_a_database_whose_entries_are_of_other_types(tmp_path, entry):
+    bag = write_bag(tmp_path / "bag", {"/imu": (IMU_TYPE, still_imu())})
+    (file,) = bag.glob("*.db3")
+    with contextlib.closing(sqlite3.connect(file)) as database:
+        database.execute(f"UPDATE messages SET {entry} WHERE id = 20")
+        database.commit()
+    (text,) = read_texts(bag)
+    assert "/imu: a message at" in text
+    assert len(open_any(bag, lenient=True).block("/head/imu")) == len(still_imu())  # the gap is bridged
+
+
+def test_a_database_whose_names_names_are_no_text(tmp_path):
     bag = write_bag(tmp_path / "bag", {"/imu": (IMU_TYPE, still_imu())})
     (file,) = bag.glob("*.db3")
     file.write_bytes(file.read_bytes().replace(b"CREATE TABLE", b"CREATE TABL\xff"))
