@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from foreign_tables import rows, save
 from logger_files import DEG, FORCE, GYRO, N, T, opensense
-from mcap.writer import Writer
+from mcap.writer import CompressionType, Writer
 from rigs import small_rig
 from robot_files import IMAGE_TYPE, IMU_TYPE, INFO_TYPE, STORE, grey_message, info_message, still_imu, write_bag
 from scan_files import stray_scanner
@@ -24,6 +24,7 @@ from stridetwin.streams.formats.opening import open_any
 from stridetwin.streams.kalibr import read_rig, rig_to_yaml
 from stridetwin.streams.recording.index import Problem
 from stridetwin.streams.recording.mcap_writer import MAGIC
+from stridetwin.streams.recording.reader import Recording
 
 UNITS = "ax (m/s^2),ay (m/s^2),az (m/s^2),gx (rad/s),gy (rad/s),gz (rad/s)"
 
@@ -191,6 +192,25 @@ def test_topics_and_types_of_a_bag_with_marks_are_escaped(tmp_path):
     assert len(list(recording.samples())) == len(messages)
     assert set(recording.unread) == {r"/b\x01", "/c"}
     assert all(text.isprintable() for text in [*recording.unread.values(), *check_table(check_recording(recording))])
+
+
+def test_messages_of_a_channel_without_a_definition_are_left_out(tmp_path):
+    messages = [(t, bytes(STORE.serialize_cdr(message, IMU_TYPE))) for t, message in still_imu()]
+    file = tmp_path / "a.mcap"
+    with file.open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.NONE, enable_crcs=False)
+        writer.start()
+        schema = writer.register_schema(IMU_TYPE, "ros2msg", STORE.generate_msgdef(IMU_TYPE, ros_version=2)[0].encode())
+        for topic in ("/a", "/b"):
+            channel = writer.register_channel(topic, "cdr", schema)
+            for t, data in messages:
+                writer.add_message(channel, log_time=t, publish_time=t, data=data)
+        writer.finish()
+    name = struct.pack("<I", 2) + b"/b"
+    data = file.read_bytes().replace(struct.pack("<HH", channel, schema) + name, struct.pack("<HH", 7, schema) + name)
+    file.write_bytes(data)
+    for recording in (Recording(file, lenient=True), open_any(file, lenient=True)):
+        assert len(list(recording.samples())) == len(messages)
 
 
 def test_a_camera_whose_topic_has_no_slash(tmp_path):
