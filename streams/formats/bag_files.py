@@ -420,6 +420,12 @@ class RosBag:
                     if message is None:
                         return
                     connection, time, raw = message
+                    if not (isinstance(time, int) and isinstance(raw, bytes | memoryview)):  # SQLite has no types
+                        what = f"a message at {str(time)[:40]!r} of type {type(raw).__name__}"
+                        self._notes.add_problem(
+                            Problem(connection.topic, None, f"{what}: expected bytes at a time in ns")
+                        )
+                        continue
                     payload = self._to_cdr(raw, connection.msgtype)
             except RecordingError as error:
                 if not self._notes.lenient:

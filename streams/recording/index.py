@@ -85,6 +85,10 @@ class Problem:
     what: str
     count: int = 1
 
+    def __post_init__(self) -> None:
+        """Writes the topic as recordings call it, with marks as escapes."""
+        object.__setattr__(self, "topic", to_line(self.topic))
+
     def __str__(self) -> str:
         """The problem as one line: topic, time in s, description, and the number of samples if there are several."""
         more = f" ({self.count} samples)" if self.count > 1 else ""

@@ -143,7 +143,8 @@ class McapContents(RecordingIndex):
             _, by_channel = chunk_contents(read_chunk(self.path, chunk.offset))
             by_topic = {}
             for channel, messages in by_channel.items():
-                by_topic.setdefault(self.channels[channel], messages)  # of several publishers the first is read
+                # of several publishers the first is read; a channel without a definition has no topic
+                by_topic.setdefault(self.channels.get(channel, ""), messages)
             self._unpacked = chunk.offset, by_topic
         return {topic: by_topic[topic] for topic in topics}
 

@@ -1,6 +1,8 @@
 """Inputs at which the fuzzer found a traceback, a slow reader or a text of several lines; each stands for its kind."""
 
+import contextlib
 import re
+import sqlite3
 import struct
 import time
 import warnings
@@ -10,7 +12,7 @@ import numpy as np
 import pytest
 from foreign_tables import rows, save
 from logger_files import DEG, FORCE, GYRO, N, T, opensense
-from mcap.writer import Writer
+from mcap.writer import CompressionType, Writer
 from rigs import small_rig
 from robot_files import IMAGE_TYPE, IMU_TYPE, INFO_TYPE, STORE, grey_message, info_message, still_imu, write_bag
 from scan_files import stray_scanner
@@ -22,6 +24,7 @@ from stridetwin.streams.formats.opening import open_any
 from stridetwin.streams.kalibr import read_rig, rig_to_yaml
 from stridetwin.streams.recording.index import Problem
 from stridetwin.streams.recording.mcap_writer import MAGIC
+from stridetwin.streams.recording.reader import Recording
 
 UNITS = "ax (m/s^2),ay (m/s^2),az (m/s^2),gx (rad/s),gy (rad/s),gz (rad/s)"
 
@@ -191,6 +194,25 @@ def test_topics_and_types_of_a_bag_with_marks_are_escaped(tmp_path):
     assert all(text.isprintable() for text in [*recording.unread.values(), *check_table(check_recording(recording))])
 
 
+def test_messages_of_a_channel_without_a_definition_are_left_out(tmp_path):
+    messages = [(t, bytes(STORE.serialize_cdr(message, IMU_TYPE))) for t, message in still_imu()]
+    file = tmp_path / "a.mcap"
+    with file.open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.NONE, enable_crcs=False)
+        writer.start()
+        schema = writer.register_schema(IMU_TYPE, "ros2msg", STORE.generate_msgdef(IMU_TYPE, ros_version=2)[0].encode())
+        for topic in ("/a", "/b"):
+            channel = writer.register_channel(topic, "cdr", schema)
+            for t, data in messages:
+                writer.add_message(channel, log_time=t, publish_time=t, data=data)
+        writer.finish()
+    name = struct.pack("<I", 2) + b"/b"
+    data = file.read_bytes().replace(struct.pack("<HH", channel, schema) + name, struct.pack("<HH", 7, schema) + name)
+    file.write_bytes(data)
+    for recording in (Recording(file, lenient=True), open_any(file, lenient=True)):
+        assert len(list(recording.samples())) == len(messages)
+
+
 def test_a_camera_whose_topic_has_no_slash(tmp_path):
     images = [(t, grey_message(t)) for t, _ in still_imu(count=12)]
     streams = {
@@ -215,7 +237,19 @@ def test_a_position_beyond_all_rooms_is_left_out(tmp_path):
     assert np.abs(truth.columns["v_frame_in_world"]).max() < 10.0
 
 
-def test_a_database_whose_names_are_no_text(tmp_path):
+@pytest.mark.parametrize("entry", ["timestamp = 'text'", "timestamp = 0.5", "data = 'text'", f"data = {10**11}"])
+def test_a_database_whose_entries_are_of_other_types(tmp_path, entry):
+    bag = write_bag(tmp_path / "bag", {"/imu": (IMU_TYPE, still_imu())})
+    (file,) = bag.glob("*.db3")
+    with contextlib.closing(sqlite3.connect(file)) as database:
+        database.execute(f"UPDATE messages SET {entry} WHERE id = 20")
+        database.commit()
+    (text,) = read_texts(bag)
+    assert "/imu: a message at" in text
+    assert len(open_any(bag, lenient=True).block("/head/imu")) == len(still_imu())  # the gap is bridged
+
+
+def test_a_database_whose_names_names_are_no_text(tmp_path):
     bag = write_bag(tmp_path / "bag", {"/imu": (IMU_TYPE, still_imu())})
     (file,) = bag.glob("*.db3")
     file.write_bytes(file.read_bytes().replace(b"CREATE TABLE", b"CREATE TABL\xff"))
