@@ -36,9 +36,15 @@ from stridetwin.streams.samples import Depth
 from stridetwin.streams.trajectory import Trajectory
 
 SENSORS = ("insole", "head_imu", "head_camera")
+"""Sensors of the walks."""
 KINDS = ("room", "outdoor", "things")
-_RATE_HZ = 10.0  # of the camera: a third of its usual one, for speed
-_TRIES = 40
+"""Kinds of walks: in a room, between planters, and past furniture, crates and walls beside the way."""
+_RATE_HZ = 10.0
+"""Rate of the camera: a third of its usual one, for speed."""
+_MOST_THINGS, _TRIES = 6, 40
+"""Most things beside a way, and places that are tried for them."""
+_FIRST_ROOM = 100_000
+"""Seed of the furniture of walk 0; the catalogue's rooms have lower ones."""
 
 
 def draw_walk(kind: str, seed: int) -> TwinConfig:
@@ -66,7 +72,7 @@ def draw_walk(kind: str, seed: int) -> TwinConfig:
 
 
 def _add_things(config: TwinConfig, rng: np.random.Generator) -> TwinConfig:
-    """The walk with up to six things beside the way, each where it does not obstruct the walker."""
+    """The walk with up to `_MOST_THINGS` things beside the way, each where it does not obstruct the walker."""
     length_m = sum(segment.length_m for segment in config.route.segments if isinstance(segment, Level))
     for _ in range(_TRIES):
         thing = Thing(
@@ -80,16 +86,16 @@ def _add_things(config: TwinConfig, rng: np.random.Generator) -> TwinConfig:
         except ConfigError:
             continue
         config = replace(config, route=route)
-        if len(route.things) == 6:
+        if len(route.things) == _MOST_THINGS:
             break
     return config
 
 
 def record_walk(kind: str, seed: int, folder: Path) -> Path:
-    """The recording of a walk, made if the folder does not have it; the furniture is drawn from the seed."""
+    """The recording of a walk, which is generated if the folder lacks it; the furniture is drawn from the seed."""
     path = folder / f"{kind}_{seed}.mcap"
     if not path.exists():
-        usual, obstacles._SEED = obstacles._SEED, 100_000 + seed
+        usual, obstacles._SEED = obstacles._SEED, _FIRST_ROOM + seed
         try:
             record(Twin(draw_walk(kind, seed), seed), path)
         finally:
@@ -98,7 +104,12 @@ def record_walk(kind: str, seed: int, folder: Path) -> Path:
 
 
 def map_flights(path: Path) -> dict[str, Any]:
-    """Flights in the maps of a recording along the true poses."""
+    """Flights in the maps of a recording along the true poses.
+
+    Returns:
+        `last`: flights of the last map; `most`: most of any map; `share` of the maps that have one; `maps`: how many
+        there are; `flights`: those of the last map in words.
+    """
     recording = Recording(path)
     topic, frame = find_pose_topic(recording, depth_calibration(recording.rig))
     block = recording.block(topic)
@@ -131,6 +142,7 @@ def _describe(flight: Any) -> str:
 
 
 def measure(arguments: Namespace) -> dict[str, Any]:
+    """Figures of `map_flights` for each walk of the command line's seeds and kinds."""
     first, last = (int(n) for n in re.split("-", arguments.seeds))
     rows = []
     with tempfile.TemporaryDirectory() as temporary:
@@ -144,12 +156,14 @@ def measure(arguments: Namespace) -> dict[str, Any]:
 
 
 def _show_row(row: dict[str, Any]) -> None:
+    """Prints the figures of a walk, and the flights of its last map."""
     print(f"{row['walk']:8} {row['seed']:5} {row['last']:5} {row['most']:5} {100 * row['share']:6.1f} %", flush=True)
     for line in row["flights"]:
         print(f"      {line}")
 
 
 def show(figures: dict[str, Any]) -> None:
+    """Prints a line for each kind of walks."""
     for kind in KINDS:
         rows = [row for row in figures["walks"] if row["walk"] == kind]
         if rows:

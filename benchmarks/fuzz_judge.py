@@ -19,9 +19,9 @@ from benchmarks.fuzz_targets import Target
 from stridetwin.streams.errors import StrideTwinError
 
 LEAST_S, TIMES_S = 1.0, 10.0
-"""CPU time of an input that is always allowed, s, and how many times that of the slowest seed is."""
+"""CPU time of an input that is always allowed, s, and up to how many times that of the slowest seed is."""
 LEAST_BYTES, TIMES_BYTES = 200 << 20, 4.0
-"""Growth of memory that is always allowed, bytes, and how many times that of the largest seed is."""
+"""Growth of memory that is always allowed, bytes, and up to how many times that of the largest seed is."""
 _HARD_BYTES = 6 << 30
 """Address space that a process may have beyond that at its start, bytes; beyond it Python raises MemoryError."""
 _MINIMISE_S = 5.0
@@ -97,17 +97,19 @@ def judge(target: Target, members: Members, folder: Path, limits: Limits) -> tup
     before_bytes = _reset_peak()
     start_s = time.process_time()
     try:
-        with _timer(limits.cpu_s), warnings.catch_warnings():
+        with _limit_cpu_time(limits.cpu_s), warnings.catch_warnings():
             warnings.simplefilter("error")
             texts = target.open(source, members)
         finding = _judge_texts(texts)
     except _SlowError as error:
-        finding = Finding("slow", _place(error), f"more than {limits.cpu_s:.1f} s of CPU time\n{_trace(error)}")
+        finding = Finding(
+            "slow", _find_place(error), f"more than {limits.cpu_s:.1f} s of CPU time\n{_format_traceback(error)}"
+        )
     except StrideTwinError as error:
         finding = _judge_texts(str(error).split("\n"))
     except Exception as error:
-        finding = Finding("traceback", f"{type(error).__name__} {_place(error)}", _trace(error))
-    cost = Cost(time.process_time() - start_s, _peak() - before_bytes)
+        finding = Finding("traceback", f"{type(error).__name__} {_find_place(error)}", _format_traceback(error))
+    cost = Cost(time.process_time() - start_s, _read_peak() - before_bytes)
     shutil.rmtree(place, ignore_errors=True)
     if finding is None and cost.growth_bytes > limits.growth_bytes:
         text = f"{cost.growth_bytes >> 20} MiB more than before, of {limits.growth_bytes >> 20}"
@@ -171,29 +173,30 @@ def _judge_texts(texts: list[str]) -> Finding | None:
         if len(text) > _LONGEST_TEXT:
             reason = f"has {len(text)} characters"
         if reason:
-            words = re.sub(r"\d+", "", re.sub(r"/\S*", "", ascii(text)))
-            return Finding("text", f"{reason.split()[0]} {words[:60]}", f"a text that {reason}: {text[:2000]!r}")
+            kept = re.sub(r"\d+", "", re.sub(r"/\S*", "", ascii(text)))  # without paths and numbers, which differ
+            return Finding("text", f"{reason.split()[0]} {kept[:60]}", f"a text that {reason}: {text[:2000]!r}")
     return None
 
 
-def _place(error: BaseException) -> str:
-    """The innermost line of the project in a traceback, and the innermost one at all."""
+def _find_place(error: BaseException) -> str:
+    """The innermost line of the project in a traceback, or the innermost of all: file, function and line."""
     frames = traceback.extract_tb(error.__traceback__)
     ours = [frame for frame in frames if "/stridetwin/" in frame.filename]
     last = (ours or frames)[-1]
     return f"{last.filename.rpartition('/stridetwin/')[2]}:{last.name}:{last.lineno}"
 
 
-def _trace(error: BaseException) -> str:
+def _format_traceback(error: BaseException) -> str:
     """The traceback of an exception as text, without its first lines if it is long."""
     return "".join(traceback.format_exception(error))[-6000:]
 
 
 @contextlib.contextmanager
-def _timer(cpu_s: float) -> Iterator[None]:
+def _limit_cpu_time(cpu_s: float) -> Iterator[None]:
     """Raises `_SlowError` inside it after CPU time of `cpu_s`, and again every second, where it was swallowed."""
 
     def ring(*_: object) -> None:
+        """Ends the input, as the handler of the signal."""
         raise _SlowError
 
     before = signal.signal(signal.SIGPROF, ring)
@@ -209,10 +212,10 @@ def _reset_peak() -> int:
     """Sets the peak of the resident memory to what it is now; returns it, bytes."""
     with contextlib.suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5")
-    return _peak()
+    return _read_peak()
 
 
-def _peak() -> int:
+def _read_peak() -> int:
     """The peak of the resident memory since `_reset_peak`, bytes."""
     status = Path("/proc/self/status").read_text()
     return int(re.search(r"VmHWM:\s*(\d+)", status)[1]) << 10  # type: ignore[index]

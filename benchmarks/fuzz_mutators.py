@@ -33,8 +33,9 @@ ChangeBytes = Callable[[bytes], bytes]
 MOST_BYTES = 1 << 18
 """Largest input, bytes: four times the largest seed."""
 _MOST_MEMBERS = 60
+"""Most files of an input to which another one is added."""
 _CHUNK, _MESSAGE, _DATA_END, _FOOTER = 6, 5, 15, 2
-"""Opcodes of MCAP records."""
+"""Opcodes of MCAP records (https://mcap.dev/spec#records)."""
 _INDEXES = (7, 8, 10, 11, 13, 14)
 """Opcodes of MCAP records that repeat what others say."""
 VALUES = (
@@ -107,13 +108,13 @@ def read_members(source: Path) -> Members:
     return {str(file.relative_to(source)): file.read_bytes() for file in sorted(source.rglob("*")) if file.is_file()}
 
 
-def mutate(members: Members, rng: random.Random, words: Sequence[str], change_bytes: ChangeBytes) -> Members:
+def mutate(members: Members, rng: random.Random, vocabulary: Sequence[str], change_bytes: ChangeBytes) -> Members:
     """An input with one to three changes: of a file's contents, sometimes of a name or of the set of files.
 
     Args:
         members: The input, which is not changed.
         rng: Draws the changes.
-        words: Keys and words of headers.
+        vocabulary: Keys and words of headers.
         change_bytes: Changes bytes of unknown meaning.
     """
     changed = dict(members)
@@ -121,9 +122,9 @@ def mutate(members: Members, rng: random.Random, words: Sequence[str], change_by
         name = rng.choice(list(changed))
         draw = rng.random()
         if draw < 0.85 or len(changed) == 1 == len(members):
-            changed[name] = _mutate_contents(name, changed[name], rng, words, change_bytes)
+            changed[name] = _mutate_contents(name, changed[name], rng, vocabulary, change_bytes)
         elif draw < 0.90:
-            new = _mutate_name(name, rng, words)
+            new = _mutate_name(name, rng, vocabulary)
             if is_safe_name(new):
                 changed = {new if n == name else n: data for n, data in changed.items()}
         elif draw < 0.94 and len(changed) > 1:
@@ -137,18 +138,18 @@ def mutate(members: Members, rng: random.Random, words: Sequence[str], change_by
 
 
 def cross(first: Members, second: Members, rng: random.Random) -> Members:
-    """The first input with one file of the second, or with some of its lines."""
+    """The first input with one file of the second in place of one of its own, or with some lines of that file."""
     name = rng.choice(list(first))
     donor = second.get(name) or rng.choice(list(second.values()))
     if rng.random() < 0.3:
         return {**first, name: donor}
-    lines, others = first[name].split(b"\n"), donor.split(b"\n")
-    at, start = rng.randrange(len(lines) + 1), rng.randrange(len(others))
+    lines, donated = first[name].split(b"\n"), donor.split(b"\n")
+    at, start = rng.randrange(len(lines) + 1), rng.randrange(len(donated))
     count = rng.choice((1, 1, 2, 5, 20))
-    return {**first, name: b"\n".join([*lines[:at], *others[start : start + count], *lines[at:]])[:MOST_BYTES]}
+    return {**first, name: b"\n".join([*lines[:at], *donated[start : start + count], *lines[at:]])[:MOST_BYTES]}
 
 
-def _mutate_name(name: str, rng: random.Random, words: Sequence[str]) -> str:
+def _mutate_name(name: str, rng: random.Random, vocabulary: Sequence[str]) -> str:
     """Another path of a file: with another ending, case, number or word."""
     parent, slash, base = name.rpartition("/")
     stem, _, suffix = base.rpartition(".")
@@ -156,7 +157,7 @@ def _mutate_name(name: str, rng: random.Random, words: Sequence[str]) -> str:
     choices = [
         f"{stem}.{rng.choice(endings)}",
         base.upper(),
-        f"{rng.choice(words).replace('/', '_')}.{suffix}",
+        f"{rng.choice(vocabulary).replace('/', '_')}.{suffix}",
         f"{stem}{rng.choice(VALUES).replace('/', '_')}.{suffix}",
         base.replace("0", str(rng.randrange(100)), 1),
         f"{base}/{base}",
@@ -165,7 +166,7 @@ def _mutate_name(name: str, rng: random.Random, words: Sequence[str]) -> str:
 
 
 def _mutate_contents(
-    name: str, data: bytes, rng: random.Random, words: Sequence[str], change_bytes: ChangeBytes
+    name: str, data: bytes, rng: random.Random, vocabulary: Sequence[str], change_bytes: ChangeBytes
 ) -> bytes:
     """A file's contents with one change that fits its kind; one in ten changes of any kind is of plain bytes."""
     suffix = name.rpartition(".")[2].lower()
@@ -184,17 +185,17 @@ def _mutate_contents(
         text = data.decode()
     except Exception:  # damaged by an earlier change
         return change_bytes(data)
-    return _mutate_text(text, rng, words).encode("utf-8", "surrogatepass")
+    return _mutate_text(text, rng, vocabulary).encode("utf-8", "surrogatepass")
 
 
-def _mutate_text(text: str, rng: random.Random, words: Sequence[str]) -> str:
+def _mutate_text(text: str, rng: random.Random, vocabulary: Sequence[str]) -> str:
     """Text with one change of a line, a cell, a column, or of all lines."""
     lines = text.split("\n")
     at = rng.randrange(min(len(lines), 12) if rng.random() < 0.5 else len(lines))  # heads are short
     separator = next((mark for mark in (",", ";", "\t", ": ", " ") if mark in lines[at]), ",")
     cells = lines[at].split(separator)
     cell = rng.randrange(len(cells))
-    word = rng.choice(words) if rng.random() < 0.5 else rng.choice(VALUES)
+    word = rng.choice(vocabulary) if rng.random() < 0.5 else rng.choice(VALUES)
     draw = rng.randrange(16)
     if draw < 5:
         cells[cell] = rng.choice((word, cells[cell] + word, f" {word}", f"{word}: {cells[cell]}", f'"{word}"'))
@@ -204,8 +205,8 @@ def _mutate_text(text: str, rng: random.Random, words: Sequence[str]) -> str:
     elif draw == 6:
         lines[at:at] = lines[at : at + rng.choice((1, 1, 3, 30))]
     elif draw == 7:
-        other = rng.randrange(len(lines))
-        lines[at], lines[other] = lines[other], lines[at]
+        to = rng.randrange(len(lines))
+        lines[at], lines[to] = lines[to], lines[at]
     elif draw == 8:
         lines.insert(
             at, rng.choice((word, f"{word}: {rng.choice(VALUES)}", f"# {word}", separator.join([word] * len(cells))))

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from benchmarks.fuzz_targets import Target
 
 _ROOT = Path(__file__).resolve().parents[1]
+"""Folder of the project."""
 _STATE_EVERY_S = 2.0
 """CPU time between two writings of the counts, s."""
 _COMPILED = ("numba", "entry_kernel", "INNER_KERNEL")
@@ -86,7 +87,7 @@ class _Run:
 
         self._judge, self._mutators = fuzz_judge, fuzz_mutators
         self._target, self._seconds, self._folder, self._findings = target, seconds, folder, findings
-        self._words = fuzz_targets.list_words()
+        self._vocabulary = fuzz_targets.list_words()
         self._limits: Limits = fuzz_judge.Limits()
         self._state = State()
         self._start_s = self._written_s = 0.0
@@ -125,7 +126,7 @@ class _Run:
         if members is None:
             return data
         rng = random.Random(seed)
-        changed = self._mutators.pack(self._mutators.mutate(members, rng, self._words, _change_bytes))
+        changed = self._mutators.pack(self._mutators.mutate(members, rng, self._vocabulary, _change_bytes))
         return changed if len(changed) <= max_size else data
 
     def cross(self, first: bytes, second: bytes, max_size: int, seed: int) -> bytes:
@@ -151,11 +152,12 @@ class _Run:
         self._mutators.write_members(folder / "input", members)
 
     def _repeats(self, finding: Finding) -> Callable[[Members], bool]:
-        """Whether an input gives the same finding."""
+        """A function that says whether an input gives the same finding."""
 
         def is_same(members: Members) -> bool:
-            other, _ = self._judge.judge(self._target, members, self._folder, self._limits)
-            return other is not None and (other.kind, other.place) == (finding.kind, finding.place)
+            """Whether it has a finding of the same kind at the same place."""
+            again, _ = self._judge.judge(self._target, members, self._folder, self._limits)
+            return again is not None and (again.kind, again.place) == (finding.kind, finding.place)
 
         return is_same
 

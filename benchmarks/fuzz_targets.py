@@ -25,6 +25,7 @@ from stridetwin.streams.kalibr import read_rig
 from stridetwin.streams.recording.index import Notes
 
 ROOT = Path(__file__).resolve().parents[1]
+"""Folder of the project."""
 SPAN_NS = (0, 22_000_000_000)
 """First and last stamp of the recording of the seeds' trajectories, ns."""
 SIZE = (752, 480)
@@ -34,6 +35,7 @@ _ROWS = 60
 _LINES = 700
 """Most lines of a table, some of which have a line for each value."""
 _IMAGES = 4
+"""Most images of a seed."""
 _LONGEST_WORD = 24
 """Longest word of the dictionary, characters."""
 
@@ -73,7 +75,7 @@ def open_recording(source: Path, members: Members) -> list[str]:
             texts += [f"{topic}: {reason}" for topic, reason in recording.unread.items()]
             texts += check_table(check_recording(recording))
         except StrideTwinError as error:
-            texts += _name_lines(error, source)
+            texts += _list_lines(error, source)
     return texts
 
 
@@ -89,7 +91,7 @@ def _read_request(members: Members) -> TableRequest:
     return TableRequest(columns=parse_mapping(columns) if columns else {}, rate_hz=rate_hz)
 
 
-def _name_lines(error: StrideTwinError, source: Path) -> list[str]:
+def _list_lines(error: StrideTwinError, source: Path) -> list[str]:
     """The lines of an error's message, each of which names a file.
 
     Raises:
@@ -114,7 +116,7 @@ def open_calibration(source: Path, members: Members) -> list[str]:
         recording = open_any(_write_table(folder), True, ImportOptions(rig=file))
         texts += [*recording.warnings, *map(str, recording.problems)]
     except StrideTwinError as error:
-        texts += _name_lines(error, file)
+        texts += _list_lines(error, file)
     return texts
 
 
@@ -139,7 +141,7 @@ def open_trajectory(source: Path, members: Members) -> list[str]:
             trajectory = read_trajectory(file, TrajectoryOptions(times=times), span_ns=span_ns, notes=notes)
             trajectory.with_other_order()
         except StrideTwinError as error:
-            texts += _name_lines(error, file)
+            texts += _list_lines(error, file)
         texts += notes.warnings
     return texts
 
@@ -207,7 +209,8 @@ def list_calibrations(folder: Path) -> Iterator[tuple[str, Members]]:
     yield "camera_info", {"camera.yaml": _CAMERA_INFO.encode()}
 
 
-_CAMERA_INFO = """image_width: 640
+_CAMERA_INFO = """\
+image_width: 640
 image_height: 480
 camera_name: head
 camera_matrix:
@@ -220,6 +223,7 @@ distortion_coefficients:
   cols: 5
   data: [0.1, -0.2, 0.001, 0.002, 0.0]
 """
+"""A calibration as ROS's `camera_calibration` writes it."""
 
 
 def list_trajectories(_: Path) -> Iterator[tuple[str, Members]]:
@@ -286,21 +290,18 @@ TARGETS = {
         Target("folder", list_folders, open_recording),
     )
 }
+"""The kinds of inputs by their names."""
 
 
 def list_words() -> list[str]:
     """Words of the dictionary: the short strings in the sources of the readers, such as keys and names of columns."""
-    words: set[str] = set()
+    vocabulary: set[str] = set()
     for file in sorted((ROOT / "streams").rglob("*.py")):
         for node in ast.walk(ast.parse(file.read_text())):
-            if isinstance(node, ast.Constant) and isinstance(node.value, str):
-                words.update(word for word in _split_words(node.value) if 0 < len(word) <= _LONGEST_WORD)
-    return sorted(words)
-
-
-def _split_words(text: str) -> list[str]:
-    """A short text as one word; none of a longer one."""
-    return [text] if len(text) <= _LONGEST_WORD and text.isprintable() else []
+            text = node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else ""
+            if 0 < len(text) <= _LONGEST_WORD and text.isprintable():
+                vocabulary.add(text)
+    return sorted(vocabulary)
 
 
 def write_dictionary(file: Path) -> None:

@@ -14,12 +14,9 @@ from scipy.spatial.transform import Rotation, Slerp
 from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Mount, Rig
-from stridetwin.streams.samples import Array, Block, Footprint, Sample
+from stridetwin.streams.samples import QUATERNION_NORM_ERROR, Array, Block, Footprint, Sample
 from stridetwin.streams.terrain_truth import Layout, Strip
 from stridetwin.streams.trajectory import Trajectory
-
-_NORM_ERROR = 0.1
-"""How far the norm of a quaternion may be off."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,7 +52,7 @@ class TruePath:
             raise RecordingError(f"{block.topic}: not finite at {first_s:.3f} s; truth must be finite")
         norm = np.linalg.norm(q, axis=1)
         row = int(np.argmax(np.abs(norm - 1.0)))
-        if abs(norm[row] - 1.0) > _NORM_ERROR:
+        if abs(norm[row] - 1.0) > QUATERNION_NORM_ERROR:
             at = f"the quaternion at {block.t_ns[row] / 1e9:.3f} s has the norm {norm[row]:.3g}"
             raise RecordingError(f"{block.topic}: {at}: expected the attitude as a unit quaternion")
         return cls(t_ns=block.t_ns, p_frame_in_world=p, v_frame_in_world=v, q_world_frame=q)

@@ -16,7 +16,7 @@ MOST_LINES = 2_000_000
 LONGEST_LINE = 2048
 """Longest line of a text table or list, characters."""
 LONGEST_ROW = 16384
-"""Longest line of a table of many sensors, characters."""
+"""Longest line of a table of many sensors, characters: some 1000 cells."""
 LARGEST_SETTING = 1 << 20
 """Largest calibration, scenario or other YAML file, bytes."""
 

@@ -15,7 +15,9 @@ FARTHEST_M = 1.0
 _FARTHEST_MOUNT_M = 2.0
 """Largest distance of a sensor from the origin of the body that carries it."""
 _LARGEST_SHIFT_S = 1.0
+"""Largest plausible shift between the clocks of a camera and its IMU, s."""
 _LONGEST_READOUT_S = 0.2
+"""Longest plausible read-out of an image, s: at 5 images per second, one follows the other."""
 _FOCAL_PER_WIDTH = (0.05, 20.0)
 """Least and largest focal length of any lens, in widths of the image."""
 _ASPECT = (0.5, 2.0)
@@ -23,6 +25,7 @@ _ASPECT = (0.5, 2.0)
 _SQUARE, _MIDDLE = 0.1, 0.15
 """Pixels are so nearly square, and centres of lenses so near to that of the image, as a share of its size."""
 _RATES_HZ = (1.0, 20_000.0)
+"""Least and largest plausible rate of an IMU in a calibration, Hz."""
 _NOISE = {
     "gyroscope_noise_density": (1e-8, 0.5, "rad/s/√Hz", 0.0174533, "°/s/√Hz"),
     "gyroscope_random_walk": (1e-12, 0.1, "rad/s²/√Hz", 0.0174533, "°/s²/√Hz"),
@@ -103,10 +106,10 @@ def check_imu(source: str, name: str, imu: ImuCalibration) -> Iterator[ConfigErr
         yield ConfigError(source, f"{name}.update_rate", imu.rate_hz, valid)
     if imu.mount.body == "imu0":  # of a plain file, in the frame of its first IMU
         yield from _check_distance(source, f"{name}.T_i_b", imu.mount.T_body_sensor, FARTHEST_M, "an IMU", "imu0")
-    for key, (least, largest, unit, factor, other) in _NOISE.items():
+    for key, (least, largest, unit, factor, other_unit) in _NOISE.items():
         value = float(getattr(imu, key))
         if value and not least <= value <= largest:
-            hint = f"is it in {other}? Multiply by {factor:g}" if value > largest else "is it a variance?"
+            hint = f"is it in {other_unit}? Multiply by {factor:g}" if value > largest else "is it a variance?"
             yield ConfigError(source, f"{name}.{key}", value, f"{least:g} to {largest:g} {unit}; {hint}")
 
 

@@ -13,18 +13,24 @@ from collections.abc import Collection
 from stridetwin.streams.calibration_keys import Keys, has_no_effect
 from stridetwin.streams.errors import FieldLocation
 from stridetwin.streams.foreign_calibration import Converted, make_lens, to_whole
-from stridetwin.streams.lenses import bin_and_crop
+from stridetwin.streams.lenses import Intrinsics, bin_and_crop
 
 _MATRICES = ("cameramatrix", "intrinsicmatrix", "k", "mtx", "cammtx")
 """Names of the matrix, in lower case without other signs, the most telling first."""
 _COEFFICIENTS = ("distortioncoefficients", "distortioncoeffs", "distcoeffs", "distcoeff", "distortion", "dist", "d")
+"""Names of the distortion coefficients, likewise."""
 _MODELS = ("distortionmodel", "model", "type")
+"""Names of the distortion model, likewise."""
 _WIDTHS, _HEIGHTS = ("imagewidth", "width", "w"), ("imageheight", "height", "h")
+"""Names of the size of images, likewise, in two keys."""
 _SIZES = ("imagesize", "resolution", "size")
+"""Names of the size of images, likewise, in one key."""
+_REGION = ("x_offset", "y_offset", "width", "height")
+"""Keys of a region of interest: its first column and row, and its size, px."""
 _FOCALS, _CENTRES, _RADIAL, _TANGENTIAL = "focallength", "principalpoint", "radialdistortion", "tangentialdistortion"
 """Names of MATLAB's properties."""
 _REDUNDANT = ("intrinsicmatrix", "k")
-"""What MATLAB writes beside the values from which they follow."""
+"""What MATLAB writes beside the values from which it follows."""
 
 
 def is_camera_matrix(document: dict[str, object]) -> bool:
@@ -36,7 +42,7 @@ def is_camera_matrix(document: dict[str, object]) -> bool:
 
 
 def convert_camera_matrix(document: dict[str, object], source: str, sizes: Collection[tuple[int, int]]) -> Converted:
-    """The camera of plain data, in Kalibr's words; its size is left out where the file has none.
+    """The camera of plain data as Kalibr's section `cam0`, without the size of images where the file has none.
 
     Args:
         document: Plain data of the file.
@@ -59,7 +65,11 @@ def convert_camera_matrix(document: dict[str, object], source: str, sizes: Colle
 
 
 def _convert_matrix(keys: Keys, names: dict[str, str], result: Converted, sizes: Collection[tuple[int, int]]) -> None:
-    """Adds the camera of a matrix with its coefficients, and the part of the image that a CameraInfo says."""
+    """Adds the camera of a matrix with its coefficients, for the part of the sensor that a CameraInfo says.
+
+    Raises:
+        ConfigError: The matrix has not nine numbers, or a value is missing or invalid.
+    """
     key = next(names[name] for name in _MATRICES if name in names)
     K = keys.take_list(key)
     if len(K) != 9:
@@ -73,15 +83,11 @@ def _convert_matrix(keys: Keys, names: dict[str, str], result: Converted, sizes:
     model = keys.take_text(model_key, "radtan" if coefficients else "none")
     intrinsics, size = (K[0], K[4], K[2], K[5]), _take_size(keys, names)
     if len(size) == 2 and "binningx" in names and (int(size[0]), int(size[1])) not in sizes:
-        roi = keys.take_keys(names["roi"]) if "roi" in names else Keys({}, keys.place)
-        crop = [int(roi.take_number(name, 0.0)) for name in ("x_offset", "y_offset", "width", "height")]
-        binning = [int(keys.take_number(names.get(name, name), 0.0)) for name in ("binningx", "binningy")]
-        roi.drop("do_rectify")
         whole = (int(size[0]), int(size[1]))
-        part, (width, height) = bin_and_crop(intrinsics, whole, (crop[0], crop[1]), (crop[2], crop[3]), binning)
+        intrinsics, (width, height) = _crop_to_images(keys, names, intrinsics, whole)
         if (width, height) != whole:
             result.notes.append(f"binning and region of interest are used: images of {width} x {height}")
-        intrinsics, size = part, [float(width), float(height)]
+        size = [float(width), float(height)]
     else:
         keys.drop(*(names[name] for name in ("roi", "binningx", "binningy") if name in names))
     lens = make_lens("pinhole", list(intrinsics), model, coefficients)
@@ -91,8 +97,33 @@ def _convert_matrix(keys: Keys, names: dict[str, str], result: Converted, sizes:
     result.add("cam0", lens, places)
 
 
+def _crop_to_images(
+    keys: Keys, names: dict[str, str], intrinsics: Intrinsics, whole: tuple[int, int]
+) -> tuple[Intrinsics, tuple[int, int]]:
+    """Intrinsics and size, px, of the images that a CameraInfo with binning and a region of interest describes.
+
+    Args:
+        keys: The CameraInfo.
+        names: Its keys, by these in lower case without other signs.
+        intrinsics: (fu, fv, pu, pv) of the whole sensor, px.
+        whole: (width, height) of the whole sensor, px.
+
+    Raises:
+        ConfigError: A value is no number.
+    """
+    roi = keys.take_keys(names["roi"]) if "roi" in names else Keys({}, keys.place)
+    column, row, width, height = (int(roi.take_number(name, 0.0)) for name in _REGION)
+    binning = [int(keys.take_number(names.get(name, name), 0.0)) for name in ("binningx", "binningy")]
+    roi.drop("do_rectify")
+    return bin_and_crop(intrinsics, whole, (column, row), (width, height), binning)
+
+
 def _convert_matlab(keys: Keys, names: dict[str, str], result: Converted) -> None:
-    """Adds the camera of MATLAB's properties."""
+    """Adds the camera of MATLAB's properties.
+
+    Raises:
+        ConfigError: Focal lengths or centre are not two numbers.
+    """
     focal, centre = keys.take_list(names[_FOCALS]), keys.take_list(names[_CENTRES])
     if len(focal) != 2 or len(centre) != 2:
         raise keys.place.key(names[_FOCALS]).error(focal, "two focal lengths and two coordinates of the centre")
@@ -112,15 +143,15 @@ def _convert_matlab(keys: Keys, names: dict[str, str], result: Converted) -> Non
 
 def _take_size(keys: Keys, names: dict[str, str]) -> list[float]:
     """Width and height; empty if the file has none."""
-    width, height = (next((names[n] for n in known if n in names), "") for known in (_WIDTHS, _HEIGHTS))
+    width, height = (next((names[n] for n in options if n in names), "") for options in (_WIDTHS, _HEIGHTS))
     if width and height:
         return keys.take_numbers((width, height))
     return _take_first(keys, names, _SIZES)
 
 
-def _take_first(keys: Keys, names: dict[str, str], wanted: tuple[str, ...]) -> list[float]:
+def _take_first(keys: Keys, names: dict[str, str], options: tuple[str, ...]) -> list[float]:
     """The numbers of the first of some keys that is there; empty without any."""
-    key = next((names[name] for name in wanted if name in names), "")
+    key = next((names[name] for name in options if name in names), "")
     return keys.take_list(key) if key else []
 
 

@@ -34,6 +34,7 @@ _GRID = 64
 _WINDOW, _WINDOW_STEP = 9, 4
 """Points across a window whose plane is a candidate, and from one window to the next."""
 _FEWEST_IN_WINDOW = 60
+"""Points with a depth that a window needs, of 81."""
 _SHARE_OFF = 0.025
 """A point belongs to a plane if its inverse depth differs by less than this share: stereo noise at 3 m."""
 _MOST_PLANES, _LEAST_SHARE = 4, 0.08
@@ -97,6 +98,9 @@ def find_planes(depth: Array, camera: CameraCalibration) -> Planes:
     Args:
         depth: (H, W) m; 0 where there is none.
         camera: Calibration of the camera that the depth is registered to.
+
+    Returns:
+        Up to four planes, the largest first; none in an image that is smaller than a window.
     """
     if min(depth.shape) < _WINDOW:
         return Planes(theta=np.zeros((0, 3)), share=np.zeros(0))
@@ -106,9 +110,9 @@ def find_planes(depth: Array, camera: CameraCalibration) -> Planes:
     rays = _to_rays(np.column_stack((u.ravel(), v.ravel())), camera).reshape(*z.shape, 3)
     is_valid = np.isfinite(z) & (z > 0.0)
     inverse = np.where(is_valid, 1.0 / np.where(is_valid, z, 1.0), 0.0)
-    candidates = _window_planes(rays, inverse, is_valid)
+    candidates = _fit_windows(rays, inverse, is_valid)
     points, values = rays[is_valid], inverse[is_valid]  # (N, 3), (N,)
-    fits = _near(candidates, points, values)  # (C, N)
+    fits = _lie_on(candidates, points, values)  # (C, N)
     is_left = np.ones(len(values), bool)
     thetas, shares = list[Array](), list[float]()
     while len(thetas) < _MOST_PLANES and len(candidates):
@@ -118,7 +122,7 @@ def find_planes(depth: Array, camera: CameraCalibration) -> Planes:
             if chosen.sum() < max(3, _LEAST_SHARE * len(values)):
                 break
             theta = np.linalg.lstsq(points[chosen], values[chosen], rcond=None)[0]
-            chosen = _near(theta[None], points, values)[0] & is_left
+            chosen = _lie_on(theta[None], points, values)[0] & is_left
         if chosen.sum() < max(3, _LEAST_SHARE * len(values)):
             break
         thetas.append(theta)
@@ -217,7 +221,7 @@ def _to_rays(pixels: Array, camera: CameraCalibration) -> Array:
     return np.column_stack((rays, np.ones(len(rays))))
 
 
-def _near(theta: Array, rays: Array, inverse: Array) -> Mask:
+def _lie_on(theta: Array, rays: Array, inverse: Array) -> Mask:
     """(C, N) whether each of N points lies on each of C planes.
 
     Args:
@@ -228,7 +232,7 @@ def _near(theta: Array, rays: Array, inverse: Array) -> Mask:
     return np.asarray(np.abs(theta @ rays.T - inverse) < _SHARE_OFF * inverse)
 
 
-def _window_planes(rays: Array, inverse: Array, is_valid: Mask) -> Array:
+def _fit_windows(rays: Array, inverse: Array, is_valid: Mask) -> Array:
     """(C, 3) planes fitted to the windows of a grid of points that have enough of them, 1/m.
 
     Args:

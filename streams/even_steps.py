@@ -8,7 +8,7 @@ from stridetwin.streams.samples import Array
 
 
 def integrate(t: Array, values: Array) -> Array:
-    """Integrals (N, 3) of values (N, 3) from the first of the times (N,) s on, linear between the samples."""
+    """Integrals (N, 3) of values (N, 3) from the first of the increasing times (N,) s on, by the trapezoidal rule."""
     areas = 0.5 * (values[1:] + values[:-1]) * np.diff(t)[:, None]
     return np.concatenate([np.zeros((1, 3)), np.cumsum(areas, axis=0)])
 

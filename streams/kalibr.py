@@ -40,7 +40,7 @@ from stridetwin.streams.kalibr_sections import (
     ImuSection,
     make_document_model,
 )
-from stridetwin.streams.lenses import COEFFICIENTS, EXACT_FIT_PX, WORST_FIT_PX, Lens, to_rig_lens
+from stridetwin.streams.lenses import COEFFICIENTS, EXACT_FIT_PX, VALID_LENS, WORST_FIT_PX, Lens, to_rig_lens
 from stridetwin.streams.opencv_xml import is_opencv_xml, parse_opencv_xml
 from stridetwin.streams.realsense_calibration import (
     convert_realsense_json,
@@ -59,6 +59,7 @@ _WANTED = (
     f"a Kalibr calibration with cam0, ..., imu0, ... or {OURS}, "
     "or one of OpenVINS, VINS-Fusion, ORB-SLAM3, Basalt, RealSense, EuRoC, ROS, OpenCV or MATLAB (JSON)"
 )
+"""What an error expects of a calibration file."""
 _OTHER_FILES = (
     (re.compile(r"Normalized Residuals|^T_ci:", re.MULTILINE), "Kalibr's report", "camchain-imucam.yaml beside it"),
     (re.compile(r"%PDF"), "a PDF", "the YAML files beside it, such as Kalibr's camchain-imucam.yaml"),
@@ -68,9 +69,11 @@ _OTHER_FILES = (
 _CONTENT = re.compile(r"^[ \t]*[^#\s]", re.MULTILINE)
 """A line that is neither empty nor a comment."""
 _YAML_SUFFIXES = (".yaml", ".yml", ".json")
+"""Endings of calibration files that are YAML or JSON."""
 _MOST_KEYS = 10
 """Most keys of a file that an error lists."""
 _DOCUMENT_END = re.compile(r"^---[ \t]*(?:#.*)?$|^\.\.\.[ \t]*$", re.MULTILINE)
+"""A line that ends a document of YAML: `---` or `...`."""
 
 
 def rig_to_yaml(rig: Rig) -> str:
@@ -442,22 +445,20 @@ def _to_lens(name: str, camera: CameraSection, source: str, warn: Warn | None) -
     """
     counts, model = COEFFICIENTS[camera.distortion_model], camera.distortion_model
     if len(camera.distortion_coeffs) not in counts:
-        wanted = f"{' or '.join(map(str, counts))} coefficients of {model}"
-        raise ConfigError(source, f"{name}.distortion_coeffs", camera.distortion_coeffs, wanted)
+        valid = f"{' or '.join(map(str, counts))} coefficients of {model}"
+        raise ConfigError(source, f"{name}.distortion_coeffs", camera.distortion_coeffs, valid)
     if model == "none" and any(camera.distortion_coeffs):
-        wanted = "no coefficients, or the distortion_model that they are of"
-        raise ConfigError(source, f"{name}.distortion_coeffs", camera.distortion_coeffs, wanted)
-    given = f"{camera.camera_model} with distortion {model}"
+        valid = "no coefficients, or the distortion_model that they are of"
+        raise ConfigError(source, f"{name}.distortion_coeffs", camera.distortion_coeffs, valid)
+    description = f"{camera.camera_model} with distortion {model}"
     lens = to_rig_lens(
         camera.camera_model, camera.intrinsics, model, tuple(camera.distortion_coeffs), camera.resolution
     )
     if not lens.error_px <= WORST_FIT_PX:
-        valid = f"a lens that radtan or equidistant with four coefficients represents up to {WORST_FIT_PX:g} px"
-        raise ConfigError(
-            source, f"{name}.distortion_coeffs", camera.distortion_coeffs, f"{valid}, which {given} is not"
-        )
+        valid = f"{VALID_LENS}, which {description} is not"
+        raise ConfigError(source, f"{name}.distortion_coeffs", camera.distortion_coeffs, valid)
     if lens.error_px > EXACT_FIT_PX and warn is not None:
-        warn(f"{source}: {name}: {given} is fitted by {lens.model}, up to {lens.error_px:.2g} px off")
+        warn(f"{source}: {name}: {description} is fitted by {lens.model}, up to {lens.error_px:.2g} px off")
     return lens
 
 
@@ -585,8 +586,8 @@ def _to_camera_mount(
     if mount.T_body_sensor is None:
         return Mount(body=mount.body, T_body_sensor=derived)
     if mount.body != imu.mount.body or not np.allclose(mount.T_body_sensor, derived, atol=1e-6):
-        wanted = f"the transform from {place} and the mount of {imu.topic}; omit the former to use T_cam_imu"
-        raise ConfigError(source, f"{name}.T_cam_imu", T_cam_imu.tolist(), wanted)
+        valid = f"the transform from {place} and the mount of {imu.topic}; omit the former to use T_cam_imu"
+        raise ConfigError(source, f"{name}.T_cam_imu", T_cam_imu.tolist(), valid)
     return Mount(body=mount.body, T_body_sensor=mount.T_body_sensor)
 
 

@@ -22,7 +22,9 @@ _CAMERA_KEYS = frozenset(
     )
     + ("line_delay", "readout_s", "T_cam_imu", "T_imu_cam", "T_cn_cnm1", "T_cnm1_cn")
 )
+"""Keys of a camera's section that are used."""
 _IMU_KEYS = frozenset(("rostopic", "update_rate", "T_i_b", *NOISE))
+"""Keys of an IMU's section that are used."""
 _NO_EFFECT = {"cam_overlaps", "comment", "cam_name", "name"}
 """Keys that no calibration depends on."""
 _HARMLESS = {"model": ("calibrated", "kalibr")}
@@ -33,7 +35,9 @@ _OTHER_NAMES = {
     "rate_hz": "update_rate",
     "T_cam_imu0": "T_cam_imu",
 }
+"""Our spelling of a key, by that of other tools."""
 _CAM, _IMU = r"(?:camera|cam|c)\d*", r"(?:imu|body|i|b)\d*"
+"""Names of the frames of a camera and of its IMU in the key of a transform, as `cam0` and `body`."""
 _TO_CAMERA = re.compile(rf"T_?{_CAM}_?(?:{_IMU}|s)|{_CAM}_T_{_IMU}|(?:T_?)?{_IMU}_?to_?{_CAM}", re.IGNORECASE)
 """Spellings of T_cam_imu, which takes points from the IMU's frame to the camera's. S is okvis' name of the IMU."""
 _TO_IMU = re.compile(rf"T_?(?:{_IMU}|s)_?{_CAM}|T_?b_?s|{_IMU}_T_{_CAM}|(?:T_?)?{_CAM}_?to_?{_IMU}", re.IGNORECASE)
@@ -107,18 +111,18 @@ def _join_parts(node: Section) -> Section:
 
     A translation alone is no transform: its key, in lower case, is not used.
     """
-    joined = {f"T{key[1:]}" if _is_lower_case(key, value) else key: value for key, value in node.items()}
+    joined = {f"T{key[1:]}" if _is_whole_transform(key, value) else key: value for key, value in node.items()}
     for key in node:
         if key.startswith("R_") and _find_transform_to_imu(f"T_{key[2:]}"):
-            other = next((name for prefix in "tp" if (name := f"{prefix}_{key[2:]}") in node), "")
-            rows = join_rows(node[key], node.get(other))
+            translation = next((name for prefix in "tp" if (name := f"{prefix}_{key[2:]}") in node), "")
+            rows = join_rows(node[key], node.get(translation))
             if rows is not None:
-                del joined[key], joined[other]
+                del joined[key], joined[translation]
                 joined[f"T_{key[2:]}"] = rows
     return joined
 
 
-def _is_lower_case(key: str, value: object) -> bool:
+def _is_whole_transform(key: str, value: object) -> bool:
     """Whether a key `t_cam_imu` is that of a whole transform, of three rows or more of lists."""
     return key.startswith("t_") and isinstance(value, list) and len(value) > 2 and isinstance(value[0], list)
 
@@ -127,9 +131,9 @@ def _to_kalibr_key(key: str, number: int, is_camera: bool) -> str | None:
     """Kalibr's spelling of a key in the section of camera or IMU `number`; None if it is not used."""
     if key in (_CAMERA_KEYS if is_camera else _IMU_KEYS):
         return key
-    other = _OTHER_NAMES.get(key, "")
-    if other in (_CAMERA_KEYS if is_camera else _IMU_KEYS):
-        return other
+    spelling = _OTHER_NAMES.get(key, "")
+    if spelling in (_CAMERA_KEYS if is_camera else _IMU_KEYS):
+        return spelling
     return (_find_transform_between(key, number) or _find_transform_to_imu(key)) if is_camera else None
 
 

@@ -149,6 +149,8 @@ _ANGLES, _AROUND = 91, 96
 """Rays of the comparison: angles from the axis, and directions around it."""
 WORST_FIT_PX = 3.0
 """Largest error of a lens that is approximated, px."""
+VALID_LENS = f"a lens that radtan or equidistant with four coefficients represents up to {WORST_FIT_PX:g} px"
+"""What an error expects of a lens beyond it."""
 EXACT_FIT_PX = 0.01
 """An error up to this is not worth a warning."""
 _NEGLIGIBLE = 1e-9

@@ -133,10 +133,13 @@ def _is_rotation(R: Array) -> bool:
 
 
 _ROUNDED = 5e-3
-"""Largest error of an orthogonality that three decimals explain."""
+"""Largest error of a rotation times its transpose that three decimals explain."""
 _POSE_KEYS = ("px", "py", "pz", "qx", "qy", "qz", "qw")
+"""Keys of a pose as Basalt writes it: position in m, and quaternion."""
 _TRANSLATIONS = ("translation", "position", "trans", "t", "p")
+"""Names of a translation beside a rotation, in lower case, the most telling first."""
 _ROTATIONS = ("rotation", "orientation", "quaternion", "rot", "r", "q")
+"""Names of a rotation beside a translation, likewise."""
 _Row = tuple[Number, Number, Number, Number]
 _Three = tuple[Number, Number, Number]
 RotationMatrix = Annotated[Array, ReadAs(tuple[_Three, _Three, _Three], _to_rotation)]

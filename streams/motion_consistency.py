@@ -48,7 +48,7 @@ _BIAS_SD_RADPS, _SPEED_SD_MPS = 0.05, 0.5
 _BIAS_STEP_RADPS, _BIAS_ROUNDS = 1e-3, 2
 """Bias by which the deviation is differentiated, and rounds of its least squares."""
 _REFINED = 6
-"""Corrections for which a bias is estimated: the best ones without."""
+"""Corrections for which a bias is estimated: those that leave the least without one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -300,12 +300,15 @@ def sum_forces(spans: Spans, matrices: Array, biases: Array) -> Array:
 def _measure_without_bias(spans: Spans, matrix: Array) -> Array:
     """Deviations of the speed (K,) in each span, m/s, with the bias that leaves the least.
 
-    The bias is found by least squares, in which a span counts the less the more its speed deviates, with a usual bias
+    The bias is estimated by least squares, in which a span counts the less the more its speed deviates, with a usual bias
     as the prior.
 
     Args:
         spans: K spans.
         matrix: (3, 3), multiplies the rates.
+
+    Returns:
+        The deviations; those without a bias if none leaves less.
     """
     bias, best = np.zeros(3), measure_speeds(spans, matrix[None])[0]
     for _ in range(_BIAS_ROUNDS):

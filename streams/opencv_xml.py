@@ -9,8 +9,11 @@ from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.yaml_file import DEEPEST, MOST_VALUES
 
 _ROOT = re.compile(r"\s*(?:<\?xml[^>]*\?>\s*)?<opencv_storage\b")
+"""Begin of a file, as `<?xml version="1.0"?><opencv_storage>`."""
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+"""A number, as `-1.5e-3` and `2.`."""
 _MATRIX = "opencv-matrix"
+"""Type of the elements that are matrices."""
 
 
 def is_opencv_xml(text: str) -> bool:
@@ -26,7 +29,8 @@ def parse_opencv_xml(text: str, source: str) -> dict[str, object]:
         source: Names it in errors.
 
     Raises:
-        StrideTwinError: It is not such XML, or has declarations, which OpenCV never writes and which may grow.
+        StrideTwinError: It is not such XML, is too large, or has declarations, which OpenCV never writes and with which
+            a small file may become a large one.
     """
     if "<!" in re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL):
         raise ConfigError(source, "", "declarations in XML", "XML as OpenCV writes it")

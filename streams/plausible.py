@@ -32,8 +32,10 @@ _HELD_TOGETHER, _WITHOUT_GRAVITY = 0.7, 0.65
 mean over 1 s does not reach where gravity was taken out."""
 _FEW_ROWS = 0.01
 """Share of rows that are no measurements from which on an estimate suffers."""
-_FASTEST = 60.0  # rad/s: 3400 °/s, beyond what foot-worn gyros measure
+_FASTEST = 60.0
+"""Largest plausible rate, rad/s: 3400 °/s, beyond what foot-worn gyros measure."""
 _LEAST_FAR_M, _MOST_FAR_M, _USUAL_FAR_M = 0.6, 15.0, 3.0
+"""Least, largest and most likely distance within which 95 % of an image's pixels lie, m."""
 DEPTH_SCALE = "--depth-scale"
 """Option that gives the units of a folder's depth images per metre."""
 DEPTH_UNITS = "depth_units_per_metre"
@@ -41,6 +43,7 @@ DEPTH_UNITS = "depth_units_per_metre"
 _DEPTH_FACTORS = (5.0, 0.2, 10.0, 0.1, 2.0, 0.5, 1000.0, 0.001)
 """Factors between usual units of depth: 1/5000, 1/1000, 1/10000 and 1/2000 m, mm and m."""
 _NO_GRAVITY = "; has gravity been taken out? It must be the raw specific force"
+"""End of a message about forces that are too small, or have no direction that stays."""
 _HINTS = (
     ((0.8, 1.2), f"; is it in g? Multiply by {STANDARD_GRAVITY_MPS2}"),
     ((800.0, 1200.0), f"; is it in milli-g? Multiply by {STANDARD_GRAVITY_MPS2 / 1000}"),
@@ -71,6 +74,7 @@ class Implausible:
     is_error: bool = True
 
     def __str__(self) -> str:
+        """What is wrong as one line: quantity, value and plausible values."""
         return f"{self.field}: invalid {self.value}: expected {self.valid}"
 
 
@@ -250,12 +254,12 @@ def find_implausible_depth(depths: Sequence[Array], per_metre: float | None = No
     far = [float(np.percentile(values, 95)) for values in valid if len(values)]
     if not far:
         return
-    seen_m = float(np.median(far))  # that 95 % of an image's pixels are within
-    if _LEAST_FAR_M <= seen_m <= _MOST_FAR_M:
+    distance_m = float(np.median(far))  # that 95 % of an image's pixels are within
+    if _LEAST_FAR_M <= distance_m <= _MOST_FAR_M:
         return
-    advice = advise_depth_unit(seen_m, (_LEAST_FAR_M, _MOST_FAR_M), _USUAL_FAR_M, per_metre)
+    advice = advise_depth_unit(distance_m, (_LEAST_FAR_M, _MOST_FAR_M), _USUAL_FAR_M, per_metre)
     valid_range = f"{_LEAST_FAR_M:g} to {_MOST_FAR_M:g} m, as a person's camera sees"
-    yield Implausible("depth", f"{seen_m:.2g} m within which 95 % of the pixels lie", f"{valid_range}{advice}")
+    yield Implausible("depth", f"{distance_m:.2g} m within which 95 % of the pixels lie", f"{valid_range}{advice}")
 
 
 def advise_depth_unit(distance_m: float, valid_m: tuple[float, float], usual_m: float, per_metre: float | None) -> str:

@@ -52,8 +52,8 @@ _SCALES = np.concatenate([np.geomspace(1 / 40, 1 / 1.2, 40), np.geomspace(1.2, 4
 _CLEARLY = 0.6
 """Share of what a usual mistake leaves over that a factor must stay below to be named in its place."""
 _DOUBTFUL_MPS2 = 1.2
-"""Misfit from which on rates are doubtful even if no usual mistake explains it; 19 recordings of real feet are within
-0.85."""
+"""Misfit from which on rates are doubtful even if no usual mistake explains it, m/s²; 19 recordings of real feet are
+within 0.85."""
 _LONGEST_SHIFT_S = 0.25
 """Longest shift of the rates that is told within a movement, s."""
 
@@ -198,7 +198,7 @@ def _window_sd(values: Array, n: int) -> Array:
 
 
 def _find_movements(t: Array, force: Array, rate: Array) -> tuple[list[tuple[int, int]], Array]:
-    """First and last row of each movement, and the rates at rest (3,) rad/s.
+    """First and last row of each movement, and the median of the rates at rest (3,) rad/s.
 
     A movement goes from the stillest sample of a rest to that of the next one. A sensor that turns in what looks like
     its rests has none.

@@ -10,7 +10,7 @@ import numpy as np
 
 from stridetwin.streams.samples import Array
 
-_DEGREE = math.pi / 180
+_DEGREE = math.pi / 180  # rad
 _SHIFTS_S = (-0.5, -0.2, -0.1, -0.05, 0.05, 0.1, 0.2, 0.5)
 """Shifts of the rates against the forces that are tried, s."""
 IN_DEGREES = "the rates are in °/s"

@@ -22,14 +22,20 @@ _CHOICE = ("color", "rgb", "infrared1", "infrared", "left", "fisheye1", "depth")
 _IMUS = ("gyro", "imu", "motion", "accel")
 """Streams of which the first with a transform to the camera is the frame of the IMU."""
 _NAMES = {"infra1": "infrared1", "infra2": "infrared2", "ir1": "infrared1", "ir2": "infrared2", "colour": "color"}
+"""Our name of a stream, by that in a file."""
 _NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
+"""A number, as `-1.5e-3`."""
 _INTRINSIC = re.compile(r'^[ \t]*Intrinsic of "([^"]+)"[^\n]*\n((?:\s+[A-Za-z]+[^:\n]*:[^\n]*\n?)+)', re.MULTILINE)
+"""A section `Intrinsic of "Color" / 640x480 / {RGB8}` and its lines such as `Fx: 600.1`."""
 _EXTRINSIC = re.compile(
     r'Extrinsic from "([^"]+)"\s+To\s+"([^"]+)"\s*:\s*Rotation Matrix:\s*'
     rf"((?:{_NUMBER}\s+){{9}})\s*Translation Vector:\s*({_NUMBER})\s+({_NUMBER})\s+({_NUMBER})"
 )
+"""A section `Extrinsic from "Gyro" To "Color" :` with nine numbers of a rotation and three of a translation."""
 _OTHER = re.compile(r'^[ \t]*Motion Intrinsic of "([^"]+)"', re.MULTILINE)
+"""A section of an IMU, which is not used."""
 _SHORT = {"width": "w", "height": "h"}
+"""Short names of fields, by the long ones."""
 _SEPARATE = ("k1", "k2", "p1", "p2", "k3")
 """Coefficients of radtan, each under a key of its own."""
 _LENS_KEYS = frozenset(
@@ -37,7 +43,9 @@ _LENS_KEYS = frozenset(
     + ("model", "distortion", "coeffs", "coefficients")
     + _SEPARATE
 )
+"""Fields of a lens."""
 _LENS_NAMES = {"cx": "ppx", "cy": "ppy"}
+"""librealsense's name of a field, by another one."""
 _CENTRES = ({"ppx", "ppy", "fx", "fy"}, {"cx", "cy", "fx", "fy"})
 """Fields that intrinsics have, with either name of the centre."""
 _MODELS = {"brown_conrady", "modified_brown_conrady", "inverse_brown_conrady"}

@@ -12,9 +12,9 @@ from stridetwin.streams.samples import Array, Stamps
 QUANTITIES: Mapping[str, str] = {"specific_force": "accel", "angular_rate": "gyro"}
 """Quantity of each column of an `Imu`."""
 Flags = npt.NDArray[np.bool_]
-"""(N,) whether each row is meant."""
-_SHORTEST_RUN = 3
-"""Longest run of equal rows, in rows, that counts as no measurement beside any numbers that are clearly others."""
+"""(N,) whether each row is of a kind."""
+_LONGEST_SHORT_RUN = 3
+"""Rows of the longest run of equal rows that counts as no measurement beside any numbers that are clearly others."""
 _CLEAR = 8.0
 """Steps of the numbers' resolution by which the rows around are others."""
 _FAST: Mapping[str, float] = {"accel": 2.0, "gyro": 0.5}
@@ -22,6 +22,7 @@ _FAST: Mapping[str, float] = {"accel": 2.0, "gyro": 0.5}
 _CHANCE_SHARE = 0.001
 """Share of rows in which a coarse gyroscope passes through zero on all axes at once, and more: 2 of 9300 rows did."""
 _FEWEST_FILLS = 2
+"""Rows with three equal numbers from which on the number may be a fill value."""
 _FEWEST_READINGS, _LEAST_HELD = 10, 0.02
 """Readings in motion that must be held for several rows, and their share among all readings in motion."""
 _LEAST_ZEROS, _CLEARLY = 0.05, 3.0
@@ -37,7 +38,7 @@ _FEWEST_FROZEN = 3
 _MOVES: Mapping[str, float] = {"accel": 0.1, "gyro": 0.01}
 """Least step of the row before a repeated one, m/s² or rad/s, in motion."""
 _JUMPS = 3.0
-"""Multiple of it by which the numbers go on after a longer run."""
+"""Multiple of `_MOVES` by which the numbers go on after a longer run."""
 _ALIGNED, _ASIDE, _ABOVE_NOISE = 0.8, 0.4, 3.0
 """Cosine of the slopes on both sides of a jump, share of it that may point elsewhere, and multiple of the noise
 that the slopes have, for a jump that is told from a strike."""
@@ -63,13 +64,16 @@ def find_unmeasured(quantity: str, values: Array) -> Flags:
     Args:
         quantity: `accel` or `gyro`.
         values: (N, 3) m/s² or rad/s.
+
+    Returns:
+        (N,) whether a row has no measurement.
     """
     empty = np.asarray(np.isnan(values).all(axis=1), bool)
     for axis in range(values.shape[1]):
         empty |= _find_zeros(values[:, axis])
     finite = np.asarray(np.isfinite(values).all(axis=1), bool)
     equal = finite & (values[:, 0] == values[:, 1]) & (values[:, 1] == values[:, 2])
-    if not equal.any() or len(values) < _SHORTEST_RUN:
+    if not equal.any() or len(values) < _LONGEST_SHORT_RUN:
         return empty
     result = empty.copy()
     fills, counts = np.unique(values[equal, 0], return_counts=True)
@@ -86,18 +90,18 @@ def _find_zeros(values: Array) -> Flags:
     Args:
         values: (N,) numbers of one axis.
     """
-    none: Flags = np.zeros(len(values), bool)
+    flags: Flags = np.zeros(len(values), bool)
     is_zero = values == 0.0
     at = np.flatnonzero(~is_zero & np.isfinite(values))
     if len(at) < 2 or np.count_nonzero(is_zero) < _LEAST_ZEROS * len(values):
-        return none
+        return flags
     around = np.abs(np.interp(np.arange(len(values)), at, values[at]))
     resolution = float(np.abs(values[at]).min())
     typical = float(np.median(np.abs(np.diff(values[at]))))  # step between measured rows
     for begin, end, length in zip(*_find_runs(is_zero)):
         clear = around[begin:end].min()
-        none[begin:end] = length <= _SHORTEST_RUN and clear > _CLEAR * resolution and clear > _CLEARLY * typical
-    return none if np.count_nonzero(none) >= _LEAST_ZEROS * len(values) else np.zeros(len(values), bool)
+        flags[begin:end] = length <= _LONGEST_SHORT_RUN and clear > _CLEAR * resolution and clear > _CLEARLY * typical
+    return flags if np.count_nonzero(flags) >= _LEAST_ZEROS * len(values) else np.zeros(len(values), bool)
 
 
 def find_held(values: Array) -> Flags:
@@ -108,6 +112,9 @@ def find_held(values: Array) -> Flags:
 
     Args:
         values: (N, 3) m/s² or rad/s.
+
+    Returns:
+        (N,) whether a row repeats the one before; longer runs than twice the usual one are left to `find_stuck`.
     """
     none: Flags = np.zeros(len(values), bool)
     steps = np.abs(np.diff(values, axis=0)).max(axis=1, initial=0.0)  # (N - 1,); not a number beside empty rows
@@ -132,6 +139,9 @@ def find_stuck(quantity: str, values: Array) -> Flags:
     Args:
         quantity: `accel` or `gyro`.
         values: (N, 3) m/s² or rad/s.
+
+    Returns:
+        (N,) whether a row is in such a run of five rows or more.
     """
     steps = np.abs(np.diff(values, axis=0)).max(axis=1, initial=0.0)  # (N - 1,)
     stuck: Flags = np.zeros(len(values), bool)
@@ -154,11 +164,11 @@ def find_lacking(columns: Mapping[str, Array]) -> dict[str, Flags]:
     Args:
         columns: (N, 3) m/s² of `specific_force`, rad/s of `angular_rate`, or one of them.
     """
-    known = {name: values for name, values in columns.items() if name in QUANTITIES}
-    lacking = {name: find_unmeasured(QUANTITIES[name], values) for name, values in known.items()}
-    fills = [np.asarray((np.diff(values, axis=1) == 0.0).all(axis=1), bool) for values in known.values()]
-    is_empty = np.any(list(lacking.values()), axis=0) & np.all(fills, axis=0) if known else np.zeros(0, bool)
-    if len(known) > 1:
+    inertial = {name: values for name, values in columns.items() if name in QUANTITIES}
+    lacking = {name: find_unmeasured(QUANTITIES[name], values) for name, values in inertial.items()}
+    fills = [np.asarray((np.diff(values, axis=1) == 0.0).all(axis=1), bool) for values in inertial.values()]
+    is_empty = np.any(list(lacking.values()), axis=0) & np.all(fills, axis=0) if inertial else np.zeros(0, bool)
+    if len(inertial) > 1:
         lacking = {name: flags | is_empty for name, flags in lacking.items()}
     return {name: flags for name, flags in lacking.items() if _are_no_chance(flags, is_empty)}
 
@@ -166,7 +176,7 @@ def find_lacking(columns: Mapping[str, Array]) -> dict[str, Flags]:
 def _are_no_chance(lacking: Flags, is_empty: Flags) -> bool:
     """Whether rows (N,) that lack one quantity, or both, are more than a coarse sensor's passing through zero."""
     _, _, sizes = _find_runs(lacking)
-    is_certain = bool(is_empty.any()) or sizes.max(initial=0) >= _SHORTEST_RUN
+    is_certain = bool(is_empty.any()) or sizes.max(initial=0) >= _LONGEST_SHORT_RUN
     return bool(lacking.any()) and (is_certain or float(lacking.mean()) > _CHANCE_SHARE)
 
 
@@ -177,29 +187,32 @@ def find_frozen(columns: Mapping[str, Array]) -> Flags:
 
     Args:
         columns: (N, 3) m/s² of `specific_force`, rad/s of `angular_rate`, or one of them.
+
+    Returns:
+        (N,) whether a row repeats the one before; none is flagged if only one or two do.
     """
-    known = {QUANTITIES[name]: values for name, values in columns.items() if name in QUANTITIES}
+    inertial = {QUANTITIES[name]: values for name, values in columns.items() if name in QUANTITIES}
     steps = {
-        name: np.abs(np.diff(values, axis=0)).max(axis=1, initial=0.0) for name, values in known.items()
+        name: np.abs(np.diff(values, axis=0)).max(axis=1, initial=0.0) for name, values in inertial.items()
     }  # (N - 1,)
-    count = len(next(iter(known.values()))) if known else 0
-    none: Flags = np.zeros(count, bool)
-    repeats = np.concatenate(([False], np.all([step == 0.0 for step in steps.values()], axis=0))) if known else none
+    count = len(next(iter(inertial.values()))) if inertial else 0
+    flags: Flags = np.zeros(count, bool)
+    repeats = np.concatenate(([False], np.all([step == 0.0 for step in steps.values()], axis=0))) if inertial else flags
     if not repeats.any():
-        return none
+        return flags
     begins, ends, sizes = _find_runs(repeats)
     is_frozen = np.zeros(len(begins), bool)
     for name, step in steps.items():
         clear = np.maximum(_CLEAR * float(step[step > 0].min(initial=np.inf)), _MOVES[name])
         before = np.where(begins >= 2, step[np.maximum(begins - 2, 0)], 0.0)
         after = np.where(ends < count, step[np.minimum(ends, count - 1) - 1], 0.0)
-        jumps = np.where(sizes <= _SHORTEST_RUN, clear, np.maximum(clear, _JUMPS * _MOVES[name]))
+        jumps = np.where(sizes <= _LONGEST_SHORT_RUN, clear, np.maximum(clear, _JUMPS * _MOVES[name]))
         is_frozen |= (before > clear) & (after > jumps)
     if sizes[is_frozen].sum() < _FEWEST_FROZEN:
-        return none
+        return flags
     for begin, end in zip(begins[is_frozen], ends[is_frozen]):
-        none[begin:end] = True
-    return none
+        flags[begin:end] = True
+    return flags
 
 
 def count_jumps(t_ns: Stamps, specific_force: Array, angular_rate: Array) -> int:
@@ -228,7 +241,12 @@ def count_jumps(t_ns: Stamps, specific_force: Array, angular_rate: Array) -> int
 
 
 def _measure_jumps(values: Array) -> tuple[Array, Flags]:
-    """Length of each inner step in those around it (N - 5,), and whether it points where these do, above the noise."""
+    """How much longer the inner steps of values (N, 3) are than those around.
+
+    Returns:
+        (N - 5,) length of each step as a multiple of the mean slope on both sides of it, and (N - 5,) whether it points
+        where the slopes do, and these are above the noise.
+    """
     before, after = (values[2:-3] - values[:-5]) / 2, (values[5:] - values[3:-2]) / 2  # slopes per row
     step, slope = values[3:-2] - values[2:-3], (before + after) / 2
     noise = float(np.median(np.abs(np.diff(values, n=3, axis=0)))) / 2  # of third differences, which motion hardly has
@@ -250,10 +268,10 @@ def _find_fills(quantity: str, values: Array, filled: Flags, fill: float, measur
         fill: The value.
         measured: (N,) rows that are surely measured, if any are.
     """
-    none: Flags = np.zeros(len(values), bool)
+    flags: Flags = np.zeros(len(values), bool)
     at = np.flatnonzero(measured)
     if len(at) < 2:
-        return none
+        return flags
     places = np.arange(len(values))
     # the deviation of each row from the value, interpolated between the measured rows around
     around = np.stack([np.interp(places, at, values[at, axis] - fill) for axis in range(3)])
@@ -262,17 +280,17 @@ def _find_fills(quantity: str, values: Array, filled: Flags, fill: float, measur
     resolution = float(sizes[sizes > 0].min(initial=np.inf))  # the least number that the sensor gives
     begins, ends, runs = _find_runs(filled)
     clear = np.array([deviation[b:e].min() if e > b else 0.0 for b, e in zip(begins, ends)])
-    is_short = runs <= _SHORTEST_RUN
+    is_short = runs <= _LONGEST_SHORT_RUN
     if _stands_alone(measured) and len(begins) > 0:  # as a slower sensor in the rows of a faster one
         is_short |= True
     threshold = np.where(is_short, _CLEAR * resolution, _FAST[quantity])
     for begin, end, counts in zip(begins, ends, clear > threshold):
-        none[begin:end] = counts
-    return none
+        flags[begin:end] = counts
+    return flags
 
 
 def _find_runs(filled: Flags) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """First row, row after the last one, and number of rows of each run."""
+    """First row, row after the last one, and number of rows of each run of rows (N,) that are true."""
     edges = np.diff(np.concatenate(([0], filled.astype(np.int8), [0])))
     begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     return begins, ends, ends - begins

@@ -249,6 +249,9 @@ S = TypeVar("S", bound=Sample)
 SampleT = TypeVar("SampleT", bound=Sample, covariant=True)
 LARGEST_NUMBER = 1e12
 """Larger numbers are no measurements, in whatever unit; their squares and sums would overflow."""
+QUATERNION_NORM_ERROR = 0.1
+"""How far the norm of an attitude in a file may be off 1: numbers of two decimals are within 0.02, and the sum of a
+position or of angles is mostly beyond."""
 LATEST_NS = 2**31 * 1_000_000_000
 """Stamps are below this; those of the ROS messages that hold them end there."""
 

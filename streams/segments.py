@@ -5,19 +5,26 @@ from __future__ import annotations
 import re
 
 _SIDE = r"(?:left|right|[lr])"
+"""A side in a name."""
 _FOOT_WORDS = r"(?:foot|feet|shoe|boots?|insole|ankle|heel|toes?|midfoot|forefoot|hindfoot)"
+"""Parts of a foot, and what it wears."""
 _FOOT = re.compile(
     rf"(?<![a-z])[lr]f(?![a-z])|foot|shoe|fu(?:ss|ß)|ankle|heel|insole|"
     rf"(?<![a-z]){_SIDE}?(?:boots?|toes?){_SIDE}?(?![a-z])"
 )
+"""Names of a foot, as `lf`, `left_shoe`, `rfuss`, `toes_r` and `bootl`, in lower case."""
 _LEFT = re.compile(
     rf"left|links|(?<![a-z])l[ft](?![a-z])|(?<![a-z])l(?:(?![a-z])|(?={_FOOT_WORDS}))|{_FOOT_WORDS}l(?![a-z])"
 )
+"""Names of the left side, as `left_foot`, `links`, `lf`, `l_ankle`, `lfoot` and `footl`, in lower case."""
 _RIGHT = re.compile(
     rf"right|rechts|(?<![a-z])r[ft](?![a-z])|(?<![a-z])r(?:(?![a-z])|(?={_FOOT_WORDS}))|{_FOOT_WORDS}r(?![a-z])"
 )
+"""Names of the right side, likewise."""
 _CHEST = re.compile(r"(?<![a-z])(?:chest|sternum|torso|thorax|trunk|upper_?body)(?![a-z])")
+"""Names of the chest, in lower case."""
 _HEAD = re.compile(r"(?<![a-z])(?:fore)?head(?![a-z])|helmet|glasses|goggles|headset|(?<![a-z])(?:hmd|ears?)(?![a-z])")
+"""Names of the head and of what it wears, in lower case."""
 _OTHER = re.compile(
     rf"(?<![a-z]){_SIDE}?_?(?:upper|lower|fore)?_?(?P<name>pelvis|pelvic|hips?|waist|belt|sacrum|sacral|lumbar|lumber"
     r"|lowerback|back|spine|neck|thighs?|femur|legs?|knees?|shanks?|shins?|tibia|cal(?:f|ves)|wrists?|hands?|arms?"

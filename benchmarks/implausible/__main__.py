@@ -114,6 +114,7 @@ def summarise(trials: Sequence[Trial], clean: Sequence[CleanTrial]) -> dict[str,
 
 
 _COLUMNS = ("count", "right", "other", "other, harmful", "silent", "silent, harmful")
+"""Columns of the table: cases, and their outcomes; harmful are those that change an estimate."""
 
 
 def count_by_corruption(trials: Iterable[Trial]) -> dict[str, dict[str, int]]:
@@ -130,7 +131,7 @@ def count_by_corruption(trials: Iterable[Trial]) -> dict[str, dict[str, int]]:
 
 
 def show(result: dict[str, Any]) -> None:
-    """The table, the corruptions that matter and were not reported right, the false alarms and the summary."""
+    """Prints the table, the corruptions that matter and were not reported right, the false alarms and the summary."""
     print(f"{'corruption, format':32}" + "".join(f"{name:>16}" for name in _COLUMNS))
     for name, row in result["corruptions"].items():
         print(f"{name:32}" + "".join(f"{row[column] or '-':>16}" for column in _COLUMNS))

@@ -28,6 +28,7 @@ from stridetwin.streams.recording.reader import Recording
 CAMERA_EVERY = 15
 """One of so many clean walks has the camera."""
 _MOST_DRAWS = 10
+"""Walks that are drawn until one can be planned."""
 _TRUE = re.compile(r"at the end of the range|could not be checked|were not checked|assumed|are joined|has no unit")
 """Of reports that are true of a good recording: clipping of a part's range, and what a format leaves open."""
 
@@ -63,7 +64,7 @@ class CleanCase:
 
 
 def check_clean(case: CleanCase) -> CleanTrial:
-    """Generates a walk, and checks it as it is and in another format."""
+    """Generates a walk, and checks it as it is and in another format; returns what was wrongly reported."""
     rng = np.random.default_rng([case.seed, case.number, 2])
     twin, part = _draw_twin(case, rng)
     with tempfile.TemporaryDirectory() as folder:

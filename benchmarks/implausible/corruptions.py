@@ -22,12 +22,14 @@ from stridetwin.streams.samples import Array, Mask
 Edit = Callable[[Walk, np.random.Generator], tuple[Walk, str]]
 """Gives the corrupted walk, and what was done to it."""
 _HOUR_NS = 3600 * 10**9
+"""An hour, ns."""
 _RATE_FACTORS = {
     "°/s called rad/s": 180 / math.pi,
     "rad/s called °/s": math.pi / 180,
     "mrad/s called rad/s": 1000.0,
     "rad/s called mrad/s": 0.001,
 }
+"""Factors of rates in a unit that is mistaken for another one."""
 _FORCE_FACTORS = {
     "g called m/s²": 1 / STANDARD_GRAVITY_MPS2,
     "m/s² called g": STANDARD_GRAVITY_MPS2,
@@ -35,7 +37,7 @@ _FORCE_FACTORS = {
     "cm/s² called m/s²": 100.0,
     "mm/s² called m/s²": 1000.0,
 }
-"""Factors between units that are mistaken for each other."""
+"""Factors of forces in a unit that is mistaken for another one."""
 _LEAST_FACTOR = 1.1
 """A smaller factor on depth or intrinsics, or its inverse, is no gross mistake."""
 
@@ -59,6 +61,7 @@ class Corruption:
         return [name for name, form in FORMATS.items() if self._fits(form)]
 
     def _fits(self, form: Format) -> bool:
+        """Whether a format has what the corruption needs."""
         return any(set(alternative.split()) <= form.has for alternative in self.needs)
 
     def is_named_by(self, report: str) -> bool:
@@ -67,25 +70,30 @@ class Corruption:
 
 
 def _with_imu(walk: Walk, imu: Inertial) -> Walk:
+    """The walk with other inertial samples."""
     return replace(walk, imu=imu)
 
 
 def _with_views(walk: Walk, **changes: object) -> Walk:
+    """The walk with changed fields of its views."""
     assert walk.views is not None
     return replace(walk, views=replace(walk.views, **changes))  # type: ignore[arg-type]
 
 
 def _choose(factors: Mapping[str, float], rng: np.random.Generator) -> tuple[str, float]:
+    """One of some factors, after its name."""
     name = str(rng.choice(list(factors)))
     return name, factors[name]
 
 
 def scale_rates(walk: Walk, rng: np.random.Generator) -> tuple[Walk, str]:
+    """Rates in another unit than the header says."""
     name, factor = _choose(_RATE_FACTORS, rng)
     return _with_imu(walk, replace(walk.imu, rate=factor * walk.imu.rate)), name
 
 
 def scale_forces(walk: Walk, rng: np.random.Generator) -> tuple[Walk, str]:
+    """Forces in another unit than the header says."""
     name, factor = _choose(_FORCE_FACTORS, rng)
     return _with_imu(walk, replace(walk.imu, force=factor * walk.imu.force)), name
 
@@ -114,6 +122,7 @@ def draw_axes(rng: np.random.Generator, kinds: Sequence[str]) -> tuple[Array, st
 
 
 def change_axes_of_rates(walk: Walk, rng: np.random.Generator) -> tuple[Walk, str]:
+    """Rates with other axes than the forces."""
     M, name = draw_axes(rng, ["swapped", "rotated", "mirrored", "negated"])
     return _with_imu(walk, replace(walk.imu, rate=walk.imu.rate @ M.T)), name
 
@@ -198,6 +207,7 @@ def draw_factor(rng: np.random.Generator, least: float, most: float) -> float:
 
 
 def scale_depth(walk: Walk, rng: np.random.Generator) -> tuple[Walk, str]:
+    """Depth in another unit, as with a wrong number of units per metre."""
     assert walk.views is not None
     factor = draw_factor(rng, 0.2, 5.0)
     return _with_views(walk, depth_m=np.float32(factor) * walk.views.depth_m), f"times {factor:.3g}"
@@ -267,6 +277,7 @@ def put_zeros(walk: Walk, rng: np.random.Generator) -> tuple[Walk, str]:
 
 _AXES = r"\baxes\b|handed|mirror|swapped|exchanged"
 _CLOCK = r"\bclocks?\b|overlap|earlier|later|stamped"
+"""What reports of wrong axes, and of two clocks, contain."""
 CORRUPTIONS: Mapping[str, Corruption] = {
     "unit of rates": Corruption(
         edit=scale_rates, report=r"°/s|rad/s|\bunit|times too (large|small)|twice too", needs=("imu",)
@@ -294,3 +305,4 @@ CORRUPTIONS: Mapping[str, Corruption] = {
         edit=put_zeros, report=r"\bzeros?\b|no (rates|forces)|fill value|not measured", needs=("imu",)
     ),
 }
+"""The corruptions by their names."""

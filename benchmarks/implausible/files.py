@@ -22,8 +22,11 @@ from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
 from stridetwin.streams.samples import Array, Stamps
 
 _SECOND = 10**9
+"""A second, ns."""
 _DEGREE = np.pi / 180
+"""A degree, rad."""
 _FAST_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1]
+"""OpenCV's parameters of PNGs that are written fast rather than small."""
 _LOGGER_START_NS = 7200 * _SECOND
 """How long loggers have been on before the first sample, ns."""
 _LARGEST_UNIT = 65534
@@ -58,7 +61,7 @@ def _write_table(path: Path, header: str, columns: Array, separator: str = ",") 
     return path
 
 
-def _seconds(t_ns: Stamps) -> Array:
+def _to_seconds(t_ns: Stamps) -> Array:
     """Stamps (N,) ns as the times of a logger, in s; they are positive for a clock that is an hour late, too."""
     return np.asarray((t_ns - START_NS + _LOGGER_START_NS) * 1e-9)
 
@@ -67,14 +70,14 @@ def write_csv(folder: Path, walk: Walk) -> Source:
     """A table in SI units."""
     imu = walk.imu
     header = "t,accel_x,accel_y,accel_z,gyro_x,gyro_y,gyro_z"
-    columns = np.column_stack([_seconds(imu.t_ns), imu.force, imu.rate])
+    columns = np.column_stack([_to_seconds(imu.t_ns), imu.force, imu.rate])
     return Source(path=_write_table(folder / "imu.csv", header, columns))
 
 
 def write_npz(folder: Path, walk: Walk) -> Source:
     """Arrays in SI units."""
     imu = walk.imu
-    np.savez_compressed(folder / "imu.npz", t=_seconds(imu.t_ns), accel=imu.force, gyro=imu.rate)
+    np.savez_compressed(folder / "imu.npz", t=_to_seconds(imu.t_ns), accel=imu.force, gyro=imu.rate)
     return Source(path=folder / "imu.npz")
 
 
@@ -82,7 +85,7 @@ def write_ngimu(folder: Path, walk: Walk) -> Source:
     """A table with other units, which its header names."""
     imu = walk.imu
     names = [f"Gyroscope {a} (deg/s)" for a in "XYZ"] + [f"Accelerometer {a} (g)" for a in "XYZ"]
-    columns = np.column_stack([_seconds(imu.t_ns), imu.rate / _DEGREE, imu.force / STANDARD_GRAVITY_MPS2])
+    columns = np.column_stack([_to_seconds(imu.t_ns), imu.rate / _DEGREE, imu.force / STANDARD_GRAVITY_MPS2])
     return Source(path=_write_table(folder / "sensors.csv", ",".join(["Time (s)", *names]), columns))
 
 
@@ -121,14 +124,14 @@ def write_two_tables(folder: Path, walk: Walk) -> Source:
     for name, unit, t_ns, values in streams:
         header = ",".join(["elapsed (s)", *(f"{a}-axis ({unit})" for a in "xyz")])
         file = root / f"Walk_MetaWear_2019-12-10T09.46.40_E1F2_{name}_100.000Hz_1.4.4.csv"
-        _write_table(file, header, np.column_stack([_seconds(t_ns), values]))
+        _write_table(file, header, np.column_stack([_to_seconds(t_ns), values]))
     return Source(path=root)
 
 
 # --- folders of images ---
 
 
-def _views(walk: Walk) -> Views:
+def _take_views(walk: Walk) -> Views:
     """The images of a walk that has them."""
     assert walk.views is not None
     return walk.views
@@ -147,14 +150,14 @@ def _list_rows(t_ns: Stamps, *columns: Array, separator: str = " ", in_seconds: 
     return [f"{stamp}{separator}{text}" for stamp, text in zip(stamps, cells)]
 
 
-def _quaternions(T: Array) -> Array:
+def _to_quaternions(T: Array) -> Array:
     """(M, 4) x, y, z, w of transforms (M, 4, 4)."""
     return np.asarray(Rotation.from_matrix(T[:, :3, :3]).as_quat())
 
 
 def write_euroc(folder: Path, walk: Walk) -> Source:
     """EuRoC's layout with one grey camera, whose calibration is in its `sensor.yaml`."""
-    imu, views, root = walk.imu, _views(walk), folder / "euroc" / "mav0"
+    imu, views, root = walk.imu, _take_views(walk), folder / "euroc" / "mav0"
     for name in ("imu0", "cam0/data"):
         (root / name).mkdir(parents=True)
     names = ",".join([f"w_RS_S_{a} [rad s^-1]" for a in "xyz"] + [f"a_RS_S_{a} [m s^-2]" for a in "xyz"])
@@ -162,7 +165,7 @@ def write_euroc(folder: Path, walk: Walk) -> Source:
     (root / "imu0" / "data.csv").write_text("\n".join([f"#timestamp [ns],{names}", *rows]) + "\n")
     noise = walk.noise
     (root / "imu0" / "sensor.yaml").write_text(
-        f"sensor_type: imu\n{_t_bs(np.eye(4))}rate_hz: {round(_rate_hz(imu))}\n"
+        f"sensor_type: imu\n{_print_transform(np.eye(4))}rate_hz: {round(_rate_hz(imu))}\n"
         f"gyroscope_noise_density: {noise.gyroscope_noise_density}\n"
         f"gyroscope_random_walk: {noise.gyroscope_random_walk}\n"
         f"accelerometer_noise_density: {noise.accelerometer_noise_density}\n"
@@ -177,7 +180,7 @@ def write_euroc(folder: Path, walk: Walk) -> Source:
     height, width = views.colour.shape[1:3]
     rate_hz = 1e9 / float(np.median(np.diff(views.t_ns)))
     (root / "cam0" / "sensor.yaml").write_text(
-        f"sensor_type: camera\n{_t_bs(views.T_imu_cam)}rate_hz: {rate_hz:.1f}\n"
+        f"sensor_type: camera\n{_print_transform(views.T_imu_cam)}rate_hz: {rate_hz:.1f}\n"
         f"resolution: [{width}, {height}]\n"
         f"camera_model: pinhole\nintrinsics: {list(views.intrinsics)}\ndistortion_model: radial-tangential\n"
         "distortion_coefficients: [0.0, 0.0, 0.0, 0.0]\n"
@@ -185,14 +188,14 @@ def write_euroc(folder: Path, walk: Walk) -> Source:
     return Source(path=folder / "euroc")
 
 
-def _t_bs(T: Array) -> str:
+def _print_transform(T: Array) -> str:
     """A transform (4, 4) as the layout's YAML has it."""
     return f"T_BS:\n  cols: 4\n  rows: 4\n  data: {[float(v) for v in T.ravel()]}\n"
 
 
 def _write_tum(folder: Path, walk: Walk) -> Path:
     """TUM's RGB-D layout without its inertial files, with the camera's calibration as `rig.yaml` of Kalibr."""
-    views, root = _views(walk), folder / "tum"
+    views, root = _take_views(walk), folder / "tum"
     lists: dict[str, list[str]] = {"rgb": ["# timestamp filename"], "depth": ["# timestamp filename"]}
     for name, rows in lists.items():
         (root / name).mkdir(parents=True)
@@ -203,7 +206,7 @@ def _write_tum(folder: Path, walk: Walk) -> Path:
         cv2.imwrite(str(root / "rgb" / name), pixels[..., ::-1], _FAST_PNG)
         cv2.imwrite(str(root / "depth" / name), _to_units(depth, 5000.0), _FAST_PNG)
     T = views.T_world_cam
-    rows = _list_rows(views.t_ns, T[:, :3, 3], _quaternions(T))
+    rows = _list_rows(views.t_ns, T[:, :3, 3], _to_quaternions(T))
     (root / "groundtruth.txt").write_text("\n".join(["# timestamp tx ty tz qx qy qz qw", *rows]) + "\n")
     (root / "rig.yaml").write_text(kalibr_text(walk, "/head/color", "/head/imu"))
     (root / "calibration.txt").write_text(" ".join(map(str, views.intrinsics)) + "\n")
@@ -229,7 +232,7 @@ def write_tum_in_parts(folder: Path, walk: Walk) -> Source:
 
 def kalibr_text(walk: Walk, camera: str, imu: str) -> str:
     """Camera and IMU as Kalibr writes them, with the topics `camera` and `imu`."""
-    views, noise = _views(walk), walk.noise
+    views, noise = _take_views(walk), walk.noise
     height, width = views.colour.shape[1:3]
     rows = "\n".join(f"    - {[float(v) for v in row]}" for row in np.linalg.inv(views.T_imu_cam))
     return (
@@ -246,7 +249,7 @@ def kalibr_text(walk: Walk, camera: str, imu: str) -> str:
 
 def write_seven_scenes(folder: Path, walk: Walk) -> Source:
     """The 7-Scenes layout: images and poses of the camera, without stamps and IMU."""
-    views, root = _views(walk), folder / "7scenes"
+    views, root = _take_views(walk), folder / "7scenes"
     root.mkdir()
     for i, (pixels, depth, T) in enumerate(zip(views.colour, views.depth_m, views.T_world_cam)):
         cv2.imwrite(str(root / f"frame-{i:06d}.color.png"), pixels[..., ::-1], _FAST_PNG)
@@ -262,10 +265,11 @@ def write_seven_scenes(folder: Path, walk: Walk) -> Source:
 _Messages = list[tuple[int, str, str, Any]]
 """Time in ns, topic, type and message of each."""
 _COLOUR, _DEPTH = "/camera/color/image_raw", "/camera/aligned_depth_to_color/image_raw"
+"""Topics of the images, as RealSense's driver calls them."""
 _IMU_FRAME, _CAMERA_FRAME = "camera_imu_optical_frame", "camera_color_optical_frame"
-
-
+"""Its names of the frames."""
 _TRANSFORMS = "tf2_msgs/msg/TFMessage"
+"""Type of the messages in `/tf_static`."""
 
 
 class _RosTypes:
@@ -281,20 +285,24 @@ class _RosTypes:
         return self.store.types[name](**fields)
 
     def header(self, t_ns: int, frame: str) -> Any:
+        """A header with a stamp and the name of a frame."""
         sec, nanosec = divmod(t_ns, _SECOND)
         stamp = self.build("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
         count = {"seq": 0} if self.is_ros1 else {}
         return self.build("std_msgs/msg/Header", stamp=stamp, frame_id=frame, **count)
 
     def vector(self, xyz: Array) -> Any:
+        """A Vector3 of (3,) numbers."""
         x, y, z = (float(v) for v in xyz)
         return self.build("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
 
     def quaternion(self, xyzw: Array) -> Any:
+        """A Quaternion of (4,) numbers x, y, z, w."""
         x, y, z, w = (float(v) for v in xyzw)
         return self.build("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
 
     def imu(self, t_ns: int, rate: Array, force: Array) -> Any:
+        """An Imu without attitude, of a rate (3,) rad/s and a force (3,) m/s²."""
         return self.build(
             "sensor_msgs/msg/Imu",
             header=self.header(t_ns, _IMU_FRAME),
@@ -307,6 +315,7 @@ class _RosTypes:
         )
 
     def image(self, t_ns: int, encoding: str, pixels: Array) -> Any:
+        """An Image of pixels (H, W) or (H, W, 3)."""
         data = np.ascontiguousarray(pixels).reshape(-1).view(np.uint8)
         return self.build(
             "sensor_msgs/msg/Image",
@@ -320,6 +329,7 @@ class _RosTypes:
         )
 
     def camera_info(self, t_ns: int, views: Views) -> Any:
+        """A CameraInfo with the intrinsics of views, and no distortion."""
         fu, fv, pu, pv = views.intrinsics
         K = np.array([fu, 0, pu, 0, fv, pv, 0, 0, 1.0])
         P = np.array([fu, 0, pu, 0, 0, fv, pv, 0, 0, 0, 1.0, 0])
@@ -344,7 +354,7 @@ class _RosTypes:
         transform = self.build(
             "geometry_msgs/msg/Transform",
             translation=self.vector(T[:3, 3]),
-            rotation=self.quaternion(_quaternions(T[None])[0]),
+            rotation=self.quaternion(_to_quaternions(T[None])[0]),
         )
         stamped = self.build(
             "geometry_msgs/msg/TransformStamped",
@@ -356,6 +366,7 @@ class _RosTypes:
 
 
 def _list_imu(ros: _RosTypes, imu: Inertial, topic: str) -> _Messages:
+    """Rates and forces as one topic."""
     rows = zip(imu.t_ns.tolist(), imu.rate, imu.force)
     return [(t, topic, "sensor_msgs/msg/Imu", ros.imu(t, rate, force)) for t, rate, force in rows]
 
@@ -397,9 +408,11 @@ def _write_messages(path: Path, ros: _RosTypes, messages: _Messages, storage: St
 
 
 _ROS1, _SQLITE, _MCAP = None, StoragePlugin.SQLITE3, StoragePlugin.MCAP
+"""Storages of bags; ROS 1 has none to choose."""
 
 
 def _write_bag(folder: Path, list_messages: Callable[[_RosTypes], _Messages], storage: StoragePlugin | None) -> Source:
+    """A bag with the messages that a function gives for the types of its release of ROS."""
     ros = _RosTypes(Stores.ROS1_NOETIC if storage is None else Stores.ROS2_HUMBLE)
     path = folder / ("walk.bag" if storage is None else "bag")
     return Source(path=_write_messages(path, ros, list_messages(ros), storage))
@@ -418,20 +431,22 @@ def write_foot_bag2(folder: Path, walk: Walk) -> Source:
 def write_head_bag1(folder: Path, walk: Walk) -> Source:
     """A ROS 1 bag with an RGB-D camera and its IMU."""
     return _write_bag(
-        folder, lambda ros: _list_imu(ros, walk.imu, "/camera/imu") + _list_views(ros, _views(walk)), _ROS1
+        folder, lambda ros: _list_imu(ros, walk.imu, "/camera/imu") + _list_views(ros, _take_views(walk)), _ROS1
     )
 
 
 def write_head_bag2(folder: Path, walk: Walk) -> Source:
     """A ROS 2 bag with an RGB-D camera and its IMU."""
     return _write_bag(
-        folder, lambda ros: _list_imu(ros, walk.imu, "/camera/imu") + _list_views(ros, _views(walk)), _MCAP
+        folder, lambda ros: _list_imu(ros, walk.imu, "/camera/imu") + _list_views(ros, _take_views(walk)), _MCAP
     )
 
 
 def write_head_bag_in_parts(folder: Path, walk: Walk) -> Source:
     """A ROS 2 bag with an RGB-D camera, whose rates and forces are topics of their own."""
-    return _write_bag(folder, lambda ros: _list_gyro_and_accel(ros, walk.imu) + _list_views(ros, _views(walk)), _SQLITE)
+    return _write_bag(
+        folder, lambda ros: _list_gyro_and_accel(ros, walk.imu) + _list_views(ros, _take_views(walk)), _SQLITE
+    )
 
 
 def write_calibrated_bag(folder: Path, walk: Walk) -> Source:
@@ -460,27 +475,30 @@ class Format:
     has: frozenset[str]
 
 
-def _format(family: str, body: str, write: Callable[[Path, Walk], Source], has: str) -> Format:
+def _define_format(family: str, body: str, write: Callable[[Path, Walk], Source], has: str) -> Format:
+    """A format; `has` are the words of `Format.has`, separated by blanks."""
     return Format(family=family, body=body, write=write, has=frozenset(has.split()))
 
 
 _ALL = "imu stamps camera depth"
+"""What the formats of a head with depth have."""
 FORMATS: Mapping[str, Format] = {
-    "csv": _format("table", "foot", write_csv, "imu stamps"),
-    "npz": _format("table", "foot", write_npz, "imu stamps"),
-    "ngimu": _format("table", "foot", write_ngimu, "imu stamps"),
-    "xsens": _format("table", "foot", write_xsens, "imu counter"),
-    "counted": _format("table", "foot", write_counted, "imu counter"),
-    "rows": _format("table", "foot", write_rows, "imu"),
-    "two_tables": _format("table", "foot", write_two_tables, "imu stamps parts"),
-    "foot_bag1": _format("bag", "foot", write_foot_bag1, "imu stamps"),
-    "foot_bag2": _format("bag", "foot", write_foot_bag2, "imu stamps"),
-    "head_bag1": _format("bag", "head", write_head_bag1, _ALL),
-    "head_bag2": _format("bag", "head", write_head_bag2, _ALL),
-    "head_bag_in_parts": _format("bag", "head", write_head_bag_in_parts, f"{_ALL} parts"),
-    "calibrated_bag": _format("bag", "head", write_calibrated_bag, _ALL),
-    "euroc": _format("euroc", "head", write_euroc, "imu stamps camera"),
-    "tum": _format("tum", "head", write_tum, _ALL),
-    "tum_in_parts": _format("tum", "head", write_tum_in_parts, f"{_ALL} parts"),
-    "7scenes": _format("7scenes", "head", write_seven_scenes, "camera depth"),
+    "csv": _define_format("table", "foot", write_csv, "imu stamps"),
+    "npz": _define_format("table", "foot", write_npz, "imu stamps"),
+    "ngimu": _define_format("table", "foot", write_ngimu, "imu stamps"),
+    "xsens": _define_format("table", "foot", write_xsens, "imu counter"),
+    "counted": _define_format("table", "foot", write_counted, "imu counter"),
+    "rows": _define_format("table", "foot", write_rows, "imu"),
+    "two_tables": _define_format("table", "foot", write_two_tables, "imu stamps parts"),
+    "foot_bag1": _define_format("bag", "foot", write_foot_bag1, "imu stamps"),
+    "foot_bag2": _define_format("bag", "foot", write_foot_bag2, "imu stamps"),
+    "head_bag1": _define_format("bag", "head", write_head_bag1, _ALL),
+    "head_bag2": _define_format("bag", "head", write_head_bag2, _ALL),
+    "head_bag_in_parts": _define_format("bag", "head", write_head_bag_in_parts, f"{_ALL} parts"),
+    "calibrated_bag": _define_format("bag", "head", write_calibrated_bag, _ALL),
+    "euroc": _define_format("euroc", "head", write_euroc, "imu stamps camera"),
+    "tum": _define_format("tum", "head", write_tum, _ALL),
+    "tum_in_parts": _define_format("tum", "head", write_tum_in_parts, f"{_ALL} parts"),
+    "7scenes": _define_format("7scenes", "head", write_seven_scenes, "camera depth"),
 }
+"""The formats by their names."""

@@ -85,7 +85,7 @@ def draw_cases(count: int, seed: int, folder: Path, only: Sequence[str] = ()) ->
         count: Number of cases.
         seed: Determines them, with their numbers.
         folder: Of the good walks.
-        only: Texts, of which a corruption's or format's name must contain one; all without any.
+        only: Names of corruptions, formats and families of formats, one of which must fit; all without any.
     """
     names = [(name, form) for name, c in CORRUPTIONS.items() for form in c.formats() if _is_selected(name, form, only)]
     corruptions = list(dict.fromkeys(name for name, _ in names))
@@ -102,6 +102,7 @@ def draw_cases(count: int, seed: int, folder: Path, only: Sequence[str] = ()) ->
 
 
 def _is_selected(corruption: str, form: str, only: Sequence[str]) -> bool:
+    """Whether a corruption, a format or its family is one of some names; true without names."""
     return not only or any(text in (corruption, form, FORMATS[form].family) for text in only)
 
 
@@ -116,12 +117,12 @@ def try_case(case: Case, clean_reports: Collection[Finding], always_estimate: bo
     corruption = CORRUPTIONS[case.corruption]
     rng = np.random.default_rng([case.seed, case.number, 1])
     walk, what = corruption.edit(load_walk(case.walk), rng)
-    known = {_without_numbers(finding.text) for finding in clean_reports}
+    usual = {_without_numbers(finding.text) for finding in clean_reports}
     change: float | None = None
     with tempfile.TemporaryDirectory() as folder:
         source = FORMATS[case.form].write(Path(folder), walk)
         texts = [finding.text for finding in list_reports(source)]
-        reports = [text for text in texts if _without_numbers(text) not in known]
+        reports = [text for text in texts if _without_numbers(text) not in usual]
         if always_estimate or not _is_right(corruption, reports):
             change, refusals = _estimate_change(case, source, walk)
             reports += refusals
@@ -160,6 +161,7 @@ def _without_numbers(text: str) -> str:
 
 
 def _is_right(corruption: Corruption, reports: Sequence[str]) -> bool:
+    """Whether one of some reports names the cause, and not only what could not be judged."""
     return any(corruption.is_named_by(text) for text in reports if not _UNKNOWN.search(text))
 
 

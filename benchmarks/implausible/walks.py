@@ -29,6 +29,7 @@ from stridetwin.streams.rig import CameraCalibration, ImuCalibration
 from stridetwin.streams.samples import Array, Depth, Image, Stamps
 
 Intrinsics = tuple[float, float, float, float]
+"""fu, fv, pu, pv, px."""
 START_NS = 1_700_000_000 * 10**9
 """Added to the stamps of the twin, which begin at 0, so that they are those of a computer's clock."""
 FEET, HEADS = 6, 3
@@ -62,6 +63,7 @@ class Inertial:
     q_world_imu: Array
 
     def __len__(self) -> int:
+        """Number of samples."""
         return len(self.t_ns)
 
     def __getitem__(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> Inertial:
@@ -210,10 +212,11 @@ class _Poses:
     """True poses of a frame, interpolated."""
 
     def __init__(self, t_ns: Stamps, p: Array, q: Array) -> None:
+        """Takes stamps (M,) ns, positions (M, 3) m and quaternions (M, 4), (w, x, y, z)."""
         self._t_ns, self._p, self._q = t_ns, p, q
 
     def at(self, t_ns: Stamps) -> tuple[Array, Array]:
-        """(K, 3) m and (K, 4), position by linear interpolation, attitude of the nearest pose."""
+        """Poses at stamps (K,) ns: interpolated positions (K, 3) m, and quaternions (K, 4) of the nearest pose."""
         p = np.column_stack([np.interp(t_ns, self._t_ns, self._p[:, k]) for k in range(3)])
         nearest = np.clip(np.searchsorted(self._t_ns, t_ns), 0, len(self._t_ns) - 1)
         return p, self._q[nearest]

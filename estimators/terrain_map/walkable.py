@@ -39,7 +39,7 @@ _LANDING_M = 0.8
 _FLIGHT_RISERS = 3
 """So many rises are stairs wherever they lead, and fewer lead to a landing or are broad."""
 _LIKE_RATIO = 1.35
-"""Largest ratio of like risers: uneven stairs have up to 1.2, and errors of risers of 0.15 m add 0.1."""
+"""Largest ratio of the heights of like risers: uneven stairs have up to 1.2, and errors of risers of 0.15 m add 0.1."""
 _MIN_LINK_M2 = 0.36
 """A plane of so much area extends to others of its height: the tilt of a smaller one is too uncertain."""
 _MAX_GAP_M = 1.0
@@ -67,12 +67,15 @@ class WalkedPlanes:
         self._ids: set[int] = set()
 
     def update(self, planes: dict[int, Plane], plane_set: PlaneSet, p_camera_in_world: Array) -> set[int]:
-        """Ids of the planes that have been walked on; before any is known, that of the lowest plane near the camera.
+        """Takes the planes of an image, and gives those that have been walked on.
 
         Args:
             planes: Planes by id.
             plane_set: Their columns.
             p_camera_in_world: (3,) m.
+
+        Returns:
+            Ids of planes; before any has been walked on, that of the lowest plane near the camera, or none.
         """
         self._ids = {id_ for id_ in self._ids if id_ in planes}
         # (2,) column under the camera; v @ R_world_grid is v in grid axes
@@ -113,6 +116,9 @@ def select_walkable(
         planes: Planes by id.
         walked: Ids of planes that have been walked on.
         p: Smallest riser, and slope of a level.
+
+    Returns:
+        Some of the rows, in their order.
     """
     above: dict[int, list[Row]] = {}  # by id of a plane: the rows that lead up from it
     for row in rows:
@@ -122,7 +128,7 @@ def select_walkable(
     climbable = {id(row) for row in rows if id(row) in wide and (_is_broad(row) or _leads_far(row, above, planes))}
     ends = {id_ for row in rows if id(row) in wide for id_ in (row[0].lower, row[-1].upper)}
     reached, treads, selected = set(walked), set[int](), set[int]()
-    waiting, ground = list(rows), set(walked)  # `ground`: of what is reached, where other ground may go on
+    waiting, ground = list(rows), set(walked)  # `ground`: planes reached last, from which other ground may go on
     while waiting:
         reached |= _level_with(ground, ends - reached, planes, p)
         fresh = []
@@ -147,7 +153,7 @@ def select_walkable(
 
 
 def _count_edges(row: Row, least_m: float) -> int:
-    """Number of edges of a row that are at least so long."""
+    """Number of edges of a row that are at least `least_m` long, m."""
     return sum(riser.length >= least_m for riser in row)
 
 

@@ -127,8 +127,8 @@ def _check_length_unit(file: Path, poses: Trajectory, true_poses: Trajectory) ->
         return
     for unit in ("cm", "mm"):
         if abs(spread * METRES[unit] / true_spread - 1.0) < _SAME_SPREAD:
-            seen = f"{spread / true_spread:.0f} times as far apart as the true ones"
-            raise ConfigError(file, "positions", seen, f"metres; --length-unit {unit} reads them as {unit}")
+            ratio = f"{spread / true_spread:.0f} times as far apart as the true ones"
+            raise ConfigError(file, "positions", ratio, f"metres; --length-unit {unit} reads them as {unit}")
 
 
 def _with_right_order(read: TrajectoryFile, tilt: float, notes: Notes) -> TrajectoryFile:

@@ -135,7 +135,7 @@ def is_mirrored(estimate: Trajectory, truth: Trajectory) -> bool:
 
 
 def _spread(rotations: Rotation) -> float:
-    """Mean angle of rotations from their mean, rad."""
+    """Mean angle of N rotations from their mean, rad."""
     return float((rotations.mean().inv() * rotations).magnitude().mean())
 
 

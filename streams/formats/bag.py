@@ -26,9 +26,10 @@ from stridetwin.streams.recording.topic_reader import READABLE, SHORTEST_HEADER,
 from stridetwin.streams.samples import Accelerometer, Block, Depth, Image, Imu, Odometry, Sample, Stamps
 from stridetwin.streams.segments import segment_of, side_of
 
-# names of topics: our own, and those of ground truth (in lower case)
 OURS = re.compile(r"/(head|chest|foot_[lr]|exo|truth)/.+")
+"""Topics of our own, as `/foot_l/imu`."""
 _TRUE = re.compile(r"ground_?truth|(?<![a-z])gt(?![a-z])|vicon|mocap|optitrack|qualisys|truth")
+"""What topics of ground truth contain, in lower case, as `/vicon/head` and `/gt/pose`."""
 # names of the topics that are preferred as the head's camera, in order; the empty pattern at the end matches any
 _COLOUR = (re.compile(r"color|colour|rgb"), re.compile(r"cam_?0|left"), re.compile(r""))
 _DEPTH = (re.compile(r"aligned|registered"), re.compile(r""))
@@ -43,6 +44,7 @@ _PLACE_SENSORS: Mapping[type[Sample], tuple[str, tuple[re.Pattern[str], ...]]] =
 }
 """Our name of a sensor of the head or chest, and the names of topics that are preferred as it, by kind."""
 _NO_FRAMES: Mapping[str, str] = MappingProxyType({})
+"""Frames of topics where none are known."""
 _DEPTH_UNITS = re.compile(r"(.*)/option/Depth_Units/value")
 """Topic with the metres per unit of the depth images of a sensor, in RealSense's own files."""
 _INFRARED = re.compile(r"infra|(?<![a-z])ir(?![a-z])")
@@ -265,24 +267,15 @@ def read_bag(bag: Bag[KeyT], kind: str, notes: Notes, per_metre: float | None = 
             if stream.reader is None:
                 _read_calibration_or_poses(stream, calibration, blocks, notes)
             elif stream.is_image:
-                # metres per unit of depth, by the sensor whose name the topic begins with
-                units = next((m for sensor, m in depth_units.items() if topic.startswith(f"{sensor}/")), _MILLIMETRE)
-                if per_metre is not None:  # depth of floats is taken as m when it is decoded
-                    is_float = _FLOAT_DEPTH in stream.payloads[0][:_HEAD_BYTES]
-                    units = (_MILLIMETRE if is_float else 1.0) / per_metre
-                images[topic] = _to_image_stream(bag, stream, stream.reader, units, notes)
+                units_m = _choose_depth_unit(stream, depth_units, per_metre)
+                images[topic] = _to_image_stream(bag, stream, stream.reader, units_m, notes)
             else:
                 block = stream.reader.read_block(_to_messages(stream))
                 blocks[topic] = replace(block, t_ns=_replace_constant(topic, block.t_ns, stream.log_times, notes))
         except ValueError as error:
             notes.add_problem(Problem(topic, stream.times[0], f"cannot be decoded: {error}", len(stream.times)))
     blocks = join_gyro_and_accel(blocks, notes)
-    # name of the coordinate frame of each topic's messages, for the mounts in /tf_static
-    frames = {topic: _read_header_frame(s.payloads[0]) for topic, s in streams.items() if s.payloads}
-    # a joined IMU, which has replaced the two streams in `blocks`, has the frame of its gyroscope
-    frames |= {
-        imu_name(topic): frame for topic, frame in frames.items() if topic not in blocks and imu_name(topic) in blocks
-    }
+    frames = _read_frames(streams, blocks)
     kinds: dict[str, type[Sample]] = {topic: block.kind for topic, block in blocks.items()}
     kinds |= {topic: stream.kind for topic, stream in images.items()}
     if not any(map(len, blocks.values())) and not images and not notes.problems:
@@ -299,6 +292,36 @@ def read_bag(bag: Bag[KeyT], kind: str, notes: Notes, per_metre: float | None = 
         names=names,
         assumed=calibration.assumed,
     )
+
+
+def _choose_depth_unit(stream: _Stream[KeyT], depth_units: Mapping[str, float], per_metre: float | None) -> float:
+    """Metres per unit of the depth images of a stream, by which numbers that are decoded as mm are corrected.
+
+    Args:
+        stream: Images, with the bytes of the first one.
+        depth_units: Metres per unit of depth, by the sensor whose name a topic begins with.
+        per_metre: Units per metre that the user gives; None: those of the sensor, or mm.
+    """
+    if per_metre is not None:  # depth of floats is taken as m when it is decoded
+        is_float = _FLOAT_DEPTH in stream.payloads[0][:_HEAD_BYTES]
+        return (_MILLIMETRE if is_float else 1.0) / per_metre
+    topic = stream.channel.topic
+    return next((unit_m for sensor, unit_m in depth_units.items() if topic.startswith(f"{sensor}/")), _MILLIMETRE)
+
+
+def _read_frames(streams: Mapping[str, _Stream[KeyT]], blocks: Mapping[str, Block[Sample]]) -> dict[str, str]:
+    """Name of the coordinate frame of each topic's messages, for the mounts in /tf_static.
+
+    Args:
+        streams: The streams of the bag.
+        blocks: Those of them that are in memory; a joined IMU has replaced the two that it is of.
+
+    Returns:
+        The frame by topic, also of joined IMUs, which have that of their gyroscope.
+    """
+    frames = {topic: _read_header_frame(s.payloads[0]) for topic, s in streams.items() if s.payloads}
+    joined = {imu_name(topic): frame for topic, frame in frames.items() if topic not in blocks}
+    return frames | {topic: frame for topic, frame in joined.items() if topic in blocks}
 
 
 def _divide_by_frames(streams: dict[str, _Stream[KeyT]], notes: Notes) -> dict[str, _Stream[KeyT]]:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from stridetwin.streams.formats.imu_units import ACCEL, GYRO, TIME, unit_of
 
 AXES = "xyz"
+"""Axes of a sensor, as names of columns end."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,17 +36,23 @@ class ColumnName:
 
 
 _LAST_BRACKETS = re.compile(r"(.*?)\s*[(\[{<]([^()\[\]{}<>]*)[)\]}>]\s*")
+"""A cell whose last brackets have none inside, as `Acc X (g)`: what stands before them, and their text."""
 _OUTER_BRACKETS = re.compile(r"(.*?)\s*[(\[{<](.+)[)\]}>]\s*")
+"""A cell with brackets inside of brackets, as `Acc X [m/(s^2)]`: what stands before them, and their text."""
 _JOINT = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 """Where a word begins in `AccX` or `elapsedRealtimeNanos`."""
 _NUMBERED_AXIS = re.compile(r"(?<=[acgwyor_][xyz])(?=\d{1,2}$)|(?<=^[xyz])(?=\d{1,2}$)")
+"""The number of a sensor behind an axis, as in `acc_x2` and `x2`."""
 _NUMBERED_QUANTITY = re.compile(r"((?:^|_)(?:acc|accel|gyr|gyro))(?=\d$)")
+"""The number of a sensor behind a quantity, as in `left_acc0`."""
 _SIDE_LETTER = re.compile(r"^([lr])(?=[agw][xyz]$)")
-"""A number behind a quantity, as in `acc0`, and the letter of a side before it, as in `lax`."""
+"""The letter of a side before a short name, as in `lax`."""
 _LONGEST = 120
 """Most characters of a name that are read."""
-_UNIT_WORDS = 4  # most words of a unit at the end of a name
+_UNIT_WORDS = 4
+"""Most words of a unit at the end of a name, as the three of `ax_m/s/s`."""
 _WORD_GAP = re.compile(r"[\s_,/:;|-]+")
+"""What stands between the words of a name."""
 _QUANTITY_WORDS = {
     ACCEL: r"accelerometers?|accelerations?|accel|accl|acce|acc|specific_force",
     GYRO: r"gyroscopes?|gyros?|gyr|angular_(?:velocity|velocities|rate|speed|vel)|ang_(?:vel|rate)|angvel|angrate"
@@ -55,12 +62,15 @@ _QUANTITY_WORDS = {
 _LETTERS = {ACCEL: "ac?", GYRO: "(?:gy?|w)"}
 """Letters that stand for each quantity."""
 _LONG = {quantity: re.compile(rf"(?:^|_)(?:{text})(?=_|$|[xyz](?:_|$))") for quantity, text in _QUANTITY_WORDS.items()}
+"""Names with a word of a quantity, as `left_acc_x` and `gyroscopez`, by quantity."""
 _SHORT = {
     quantity: re.compile(rf"(?:^|_){letters}_?(?=[xyz](?:_|$)|rs_s_[xyz]$)") for quantity, letters in _LETTERS.items()
 }
+"""Names with a letter of a quantity, as `ax`, `w_x` and `w_RS_S_x`, by quantity."""
 _G_FORCE = re.compile(r"(?:^|_)g_?f_?(?=[xyz]$)")
 """Physics Toolbox' name of the force in g."""
 _AXIS = re.compile(r"(?:^|_)([xyz])(?:_?axis)?(?=_|$)|axis_?([xyz])(?=_|$)")
+"""An axis in a name, as in `acc_x`, `x_axis` and `axis_x`."""
 _OTHER_QUANTITY = re.compile(
     r"(?:^|_)(?:free|user|gravity|grav|mag\w*|quat\w*|euler|orient\w*|ori|pos\w*|bias\w*|std\w*|var\w*|cov\w*|delta\w*"
     r"|dv|dq|temp\w*|roll|pitch|yaw|bearing|rotation_vector|highg|high_g|norm|abs\w*|mag|sd|err\w*|jerk"
@@ -68,9 +78,11 @@ _OTHER_QUANTITY = re.compile(
 )
 """What the names of columns that are neither forces nor rates of a sensor contain."""
 _WITHOUT_GRAVITY = re.compile(r"(?:^|_)(?:linear\w*|lin)(?:_|$)|linear_?acc|lin_?acc")
+"""Words of forces that are without gravity but in ROS, as `linear_acceleration_x`."""
 _FREE = re.compile(r"free|user|linear|(?:^|_)lin(?:_|$)")
 """What the names of forces contain from which gravity was taken out."""
 _RAW = re.compile(r"(?:^|_)(?:raw|uncal[a-z]*|filtered|filt|filter|smooth[a-z]*)(?=_|$)")
+"""Words of numbers that are raw or filtered, as in `acc_raw_x` and `gyro_uncalibrated_x`."""
 _FILLERS = re.compile(
     r"(?:^|_)(?:axis|cal|calibrated|sensor|data|imu|values?|field|body|si|total|meas\w*|component|ln|wr|low_?noise"
     r"|wide_?range|lowg|low_g|incl_gravity|with_gravity|rs_s|3dof|g|x|y|z)(?=_|$)"
@@ -135,8 +147,8 @@ def is_without_gravity(cell: str) -> bool:
 
 def _join_words(text: str) -> str:
     """Lower-case words of a name, joined by `_`; the number of a sensor behind an axis, as in `ax2`, is a word."""
-    words = re.sub(r"[^a-z0-9]+", "_", _JOINT.sub("_", text.strip()).lower()).strip("_")
-    return _SIDE_LETTER.sub(r"\1_", _NUMBERED_QUANTITY.sub(r"\1_", _NUMBERED_AXIS.sub("_", words)))
+    joined = re.sub(r"[^a-z0-9]+", "_", _JOINT.sub("_", text.strip()).lower()).strip("_")
+    return _SIDE_LETTER.sub(r"\1_", _NUMBERED_QUANTITY.sub(r"\1_", _NUMBERED_AXIS.sub("_", joined)))
 
 
 def _split_unit_at_end(text: str, joined: str, with_linear: bool) -> tuple[str, str]:
@@ -163,10 +175,11 @@ def _classify(joined: str, with_linear: bool) -> tuple[str, str, str]:
         for quantity, pattern in patterns.items():
             if (matched := pattern.search(joined)) is None:
                 continue
-            rest = f"{joined[: matched.start()]}_{joined[matched.end() :]}".strip("_")
-            axis = _axis_of(rest)
-            rest = _RAW.sub("", re.sub(r"(?:^|_)linear(?=_|$)", "", rest))
-            return quantity, axis, re.sub(r"_+", "_", _FILLERS.sub("", _FILLERS.sub("", rest))).strip("_")
+            remainder = f"{joined[: matched.start()]}_{joined[matched.end() :]}".strip("_")
+            axis = _axis_of(remainder)
+            label = _RAW.sub("", re.sub(r"(?:^|_)linear(?=_|$)", "", remainder))
+            # twice, as a filler takes the `_` with which the next one begins
+            return quantity, axis, re.sub(r"_+", "_", _FILLERS.sub("", _FILLERS.sub("", label))).strip("_")
     return "", _axis_of(joined) if len(joined) <= len("x_axis") else "", ""
 
 
@@ -188,7 +201,9 @@ _TIME_NAME = re.compile(
     r"|realtime|timestampms|timestampus|timestampns|zeit\w*|temps|tiempo|tempo|datenum|date_?time|elapsed_?time)(?:_|$)"
     r"|timestamp"
 )
+"""Words of columns of time, as in `host_timestamp`, `elapsed_s` and `Zeit`."""
 _NO_TIME = re.compile(r"(?:^|_)(?:zone|fine|diff|delta|dt|gps|status|step|year|month|day|hour|minute|utc_nano)(?:_|$)")
+"""Words of columns that are named after time and have no stamps, as `time_zone` and `time_step`."""
 _LATER_TIME = re.compile(
     r"(?:^|_)(?:host|app|raw|arrival|backend|received?|system|sync|logging|start|unix|wall|exposure|offset|duration|delay)(?:_|$)"
 )
@@ -199,6 +214,7 @@ _COUNTER = re.compile(
     r"(?:pkt|packet|sample|frame|msg|message|seq|sequence)_?(?:counter|count|number|num|no|nr|id|index|idx)"
     r"|(?:\w+_)?packet_?counter|counter|count|seq|sequence|(?:field_)?header_seq|sample|frame|packet|pkt"
 )
+"""Names of counters, as `packet_counter`, `sample_number` and `header_seq`."""
 
 
 def is_counter_name(name: str) -> bool:

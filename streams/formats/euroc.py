@@ -39,7 +39,15 @@ from stridetwin.streams.formats.text_rows import (
 )
 from stridetwin.streams.kalibr import write_rig
 from stridetwin.streams.kalibr_sections import ImuNoise
-from stridetwin.streams.lenses import COEFFICIENTS, DISTORTIONS, EXACT_FIT_PX, EXTRA_TERMS, WORST_FIT_PX, to_rig_lens
+from stridetwin.streams.lenses import (
+    COEFFICIENTS,
+    DISTORTIONS,
+    EXACT_FIT_PX,
+    EXTRA_TERMS,
+    VALID_LENS,
+    WORST_FIT_PX,
+    to_rig_lens,
+)
 from stridetwin.streams.matrix_fields import RigidTransform, to_matrix_rows
 from stridetwin.streams.recording.imported import ImageStream, Source
 from stridetwin.streams.recording.index import Notes
@@ -256,17 +264,16 @@ class _CameraSensor(_Sensor):
         """
         model, coefficients = DISTORTIONS[self.distortion_model], tuple(self.distortion_coefficients)
         coefficients = coefficients or (0.0,) * COEFFICIENTS[model][0]
-        wanted = EXTRA_TERMS[self.camera_model] + 4
-        if len(self.intrinsics) != wanted or min(self.intrinsics[-4:-2]) <= 0:
-            valid = f"{wanted} numbers of {self.camera_model}, with focal lengths above 0"
+        count = EXTRA_TERMS[self.camera_model] + 4
+        if len(self.intrinsics) != count or min(self.intrinsics[-4:-2]) <= 0:
+            valid = f"{count} numbers of {self.camera_model}, with focal lengths above 0"
             raise ConfigError(file, "intrinsics", self.intrinsics, valid)
         if len(coefficients) not in COEFFICIENTS[model]:
             valid = f"{' or '.join(map(str, COEFFICIENTS[model]))} numbers of {model}"
             raise ConfigError(file, "distortion_coefficients", list(coefficients), valid)
         lens = to_rig_lens(self.camera_model, tuple(self.intrinsics), model, coefficients, self.resolution)
         if not lens.error_px <= WORST_FIT_PX:
-            valid = f"a lens that radtan or equidistant with four coefficients represents up to {WORST_FIT_PX:g} px"
-            raise ConfigError(file, "distortion_coefficients", list(coefficients), valid)
+            raise ConfigError(file, "distortion_coefficients", list(coefficients), VALID_LENS)
         if lens.error_px > EXACT_FIT_PX:
             off = f"up to {lens.error_px:.2g} px off"
             notes.warn(f"{file.parent.name}/{file.name}: {self.camera_model} is fitted by {lens.model}, {off}")

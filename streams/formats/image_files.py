@@ -26,7 +26,9 @@ from stridetwin.streams.samples import Depth, Image
 NONE = (0, 65535)
 """The two numbers of a depth image of 16 bits that mean no depth."""
 _ENDINGS = (".png", ".jpg", ".jpeg")
+"""Usual endings of images, in lower case."""
 _DRIVE = re.compile(r"[A-Za-z]:[\\/]")
+"""Begin of an absolute path of Windows, as `C:/`, with a slash of either kind."""
 _PNG = b"\x89PNG\r\n\x1a\n"
 """First bytes of a PNG."""
 

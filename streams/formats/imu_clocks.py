@@ -27,6 +27,7 @@ TICKS = "sampletimefine"
 _TICK_UNITS_S = (1e-4, 1e-6)
 """A tick of an MTw or MTi, and of a DOT, s."""
 _TICK_SIZE = 2**32
+"""Number of ticks after which they begin again: they have 32 bits."""
 _COUNTER_SIZES = tuple(sorted({*(2**k for k in range(5, 33)), *(10**k for k in range(2, 10)), 60_000}))
 """Numbers of counts after which counters begin again."""
 _USUAL_SIZES = (2**8, 2**16, 2**24, 2**32)
@@ -36,8 +37,10 @@ _MOST_AT_END, _FEW_AT_END, _LEAST_AT_END = 0.02, 50, 5
 _STAMP_SIZES = (2**16, 86_400, 604_800, 2**24, 86_400_000, 604_800_000, 2**32, 86_400_000_000)
 """Numbers after which clocks begin again: those of 16, 24 and 32 bits, days and weeks."""
 _LAST_CLOCK, _MINUTE_NUMBER, _HOUR_NUMBER = 240_000.0, 40.0, 4000.0
-"""Least number that is no time `hhmmss`, and the steps of such numbers at the end of minutes and hours."""
+"""Least number that is no time `hhmmss`; and what its step has beyond the time at the end of a minute, and once more at
+that of an hour, as from `115959` to `120000`."""
 _RAISED = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
+"""Digits of an exponent, by the usual ones."""
 _DAYS = (719_529.0, 25_569.0)
 """1970 in days of MATLAB and of spreadsheets."""
 _MINUTE_S, _FEWEST_STEPS = 60, 10
@@ -47,6 +50,7 @@ _MOST_STEPS_AT_END = 50.0
 _LONGEST_RATE = 300
 """Characters of a line above the numbers in which a rate is looked for; the patterns take the square of its length."""
 _INTEGER = re.compile(r"\s*\d+\s*")
+"""A cell with a whole number."""
 _FEWEST_REGULAR, _FEWEST_OF_ONE_STEP = 0.98, 0.5
 """Share of the steps of a counter that are multiples of the usual one, and of those that equal it."""
 _GAP = 1.6
@@ -326,9 +330,19 @@ def _unwrap_stamps(path: Path, name: str, stamps: Array, is_of_minute: bool, not
 
 
 def _count_times(path: Path, name: str, counts: Array, rate_hz: float, notes: Notes) -> Array:
-    """Times (N,) s of a counter (N,) with a rate; of the rows where the counter does not count samples.
+    """Times (N,) s of a counter with a rate; of the rows, with a report, where the counter does not count samples.
 
     A counter that rises by a number of its own per sample, as one of several streams, is divided by that number.
+
+    Args:
+        path: Named by the report.
+        name: Name of the counter's column.
+        counts: (N,) its numbers.
+        rate_hz: Samples per second.
+        notes: Collects the report.
+
+    Raises:
+        ConfigError: The counter goes back.
     """
     size = _TICK_SIZE if re.sub(r"[\s_]", "", name).lower() == TICKS else _find_counter_size(counts)
     since = _unwrap_counter(path, name, counts, size)
@@ -376,6 +390,7 @@ def _find_counter_size(counts: Array) -> int:
     usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 1.0
 
     def fits(size: int) -> bool:
+        """Whether no more counts are lost at any step back than a counter of that size allows."""
         most = max(_FEW_AT_END, _MOST_AT_END * size) if size in _USUAL_SIZES else _LEAST_AT_END
         return bool(np.all(back + size <= usual * most))
 

@@ -24,18 +24,20 @@ from stridetwin.streams.formats.column_names import (
     time_rank,
 )
 from stridetwin.streams.formats.imu_stamps import is_stamp
-from stridetwin.streams.formats.imu_units import ACCEL, COUNTS, GYRO, TIME, UNITS, factor_of, unit_of
+from stridetwin.streams.formats.imu_units import ACCEL, COUNTS, GYRO, TIME, UNITS, factor_of, spell_unit, unit_of
 from stridetwin.streams.formats.table_head import is_count, is_number, is_plain_number
 from stridetwin.streams.segments import side_of
 
 OPTION = "--columns"
-"""Option of the command line that names the columns, and an example of its text, for errors."""
+"""Option of the command line that names the columns."""
 EXAMPLE = "t=Time[ms],ax=Acc X[g],...,gx=Gyr X[deg/s],..."
+"""Example of its text, for errors."""
 NUMBERED = '"t=1[s],ax=2[m/s^2],ay=3[m/s^2],az=4[m/s^2],gx=5[rad/s],gy=6[rad/s],gz=7[rad/s]"'
 """Example of its text for a table without names of columns."""
 KIND = "kind"
 """Key of the mapping for the column that tells whether a row has forces or rates."""
 KIND_MEANS = "the column that names the sensor of each row"
+"""What errors say of this key."""
 _MOST_STEPS = 20.0
 """Largest step of stamps, in mean steps."""
 _NUMBER_AT_END = re.compile(r"(.*?)_?(\d)")
@@ -59,6 +61,7 @@ PHYSICS_TOOLBOX: Dialect = {ACCEL: "g", GYRO: "rad/s"}
 ROS: Dialect = {ACCEL: "m/s²", GYRO: "rad/s"}
 ANDROID: Dialect = {TIME: "ns", ACCEL: "m/s²", GYRO: "rad/s"}
 UNKNOWN: Dialect = {}
+"""Dialects by the maker or program whose files they are; `UNKNOWN` is that of all other files."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,17 +141,7 @@ def find_columns(
     names = [column.name for column in named]
     if dialect is None:
         dialect = _find_dialect(names, bool(sensors))
-    sensor_of_column = list(sensors) or [""] * len(names)
-    # index of the column, by sensor, quantity and the rest of the name, and then by axis
-    axes_by_group: dict[tuple[str, str, str], dict[str, int]] = {}
-    for at, column in enumerate(named):
-        kind, axis = _classify_column(column, quantity, named)
-        if kind:  # of two columns of one axis the first counts
-            group = (sensor_of_column[at], kind, f"{column.sensor} raw".strip() if column.is_raw else column.sensor)
-            axes_by_group.setdefault(group, {}).setdefault(axis, at)
-    for sensor, kind, rest in list(axes_by_group):  # raw columns count only where no others are
-        if (sensor, kind, rest.removesuffix("raw").strip()) in axes_by_group and rest.endswith("raw"):
-            del axes_by_group[sensor, kind, rest]
+    axes_by_group = _group_axes(named, list(sensors) or [""] * len(names), quantity)
     seconds = _find_seconds(names)
     time = find_time(named, sample) if seconds is None else seconds
     signals = tuple(
@@ -159,8 +152,7 @@ def find_columns(
     if time is None and sensors and names[0] in ("", "axis"):  # gaitmap's table has times in its unnamed first column
         time = 0
     time_text = "s" if seconds is not None else named[time].unit if time is not None else ""
-    known = unit_of(time_text)  # quantity and unit in the header
-    time_unit = known[1] if known is not None and known[0] == TIME else dialect.get(TIME, "")
+    time_unit = spell_unit(time_text, TIME) or dialect.get(TIME, "")
     epoch, epoch_s = _find_epoch(named, time) if quantity else (None, 0.0)
     columns = Columns(
         names=tuple(header),
@@ -174,6 +166,32 @@ def find_columns(
     for second, part, unit_s in _list_split_stamps(named, sample):
         return replace(columns, time=second, time_unit="s", fraction=part, fraction_s=unit_s, of_minute=True)
     return columns
+
+
+def _group_axes(
+    named: Sequence[ColumnName], sensors: Sequence[str], quantity: str
+) -> dict[tuple[str, str, str], dict[str, int]]:
+    """The columns of forces and rates that belong together; raw ones count only where there are no others.
+
+    Args:
+        named: The columns.
+        sensors: Sensor of each column by a header with two rows; "" without.
+        quantity: What bare columns `x`, `y`, `z` are: `accel`, `gyro` or "".
+
+    Returns:
+        Index of the column by axis, by sensor, quantity and what else the name says. Of two columns of one axis the
+        first counts.
+    """
+    axes_by_group: dict[tuple[str, str, str], dict[str, int]] = {}
+    for at, column in enumerate(named):
+        kind, axis = _classify_column(column, quantity, named)
+        if kind:
+            group = (sensors[at], kind, f"{column.sensor} raw".strip() if column.is_raw else column.sensor)
+            axes_by_group.setdefault(group, {}).setdefault(axis, at)
+    for sensor, kind, label in list(axes_by_group):
+        if (sensor, kind, label.removesuffix("raw").strip()) in axes_by_group and label.endswith("raw"):
+            del axes_by_group[sensor, kind, label]
+    return axes_by_group
 
 
 def _list_split_stamps(
@@ -191,11 +209,10 @@ def _list_split_stamps(
     stems: dict[tuple[str, str], int] = {}  # index, by the name without the unit and the unit
     for at, column in enumerate(named):
         stem, _, last = column.name.rpartition("_")
-        known = unit_of(last)
-        if known is not None and known[0] == TIME:
-            stems.setdefault((stem, known[1]), at)
-        elif (unit := unit_of(column.unit)) is not None and unit[0] == TIME:
-            stems.setdefault((column.name, unit[1]), at)
+        if (unit := spell_unit(last, TIME)) is not None:
+            stems.setdefault((stem, unit), at)
+        elif (unit := spell_unit(column.unit, TIME)) is not None:
+            stems.setdefault((column.name, unit), at)
     for (stem, unit_name), second in stems.items():
         for fine in ("ns", "µs", "ms"):
             part, unit_s = stems.get((stem, fine)), UNITS[TIME][fine]
@@ -232,8 +249,7 @@ def find_time(named: Sequence[ColumnName], sample: Sequence[Sequence[str]] = ())
 
 def is_stamp_column(column: ColumnName) -> bool:
     """Whether a column has stamps by its name, or as LabVIEW's and Delsys' `X [s]` by its unit."""
-    known = unit_of(column.unit)
-    is_abscissa = column.name in ("x", "x_value") and known is not None and known[0] == TIME
+    is_abscissa = column.name in ("x", "x_value") and spell_unit(column.unit, TIME) is not None
     return is_abscissa or (is_time_name(column.name) and not column.axis)
 
 
@@ -256,9 +272,9 @@ def _find_epoch(named: Sequence[ColumnName], time: int | None) -> tuple[int | No
     if time is None or named[time].name != "elapsed":
         return None, 0.0
     for at, column in enumerate(named):
-        known = unit_of(column.unit)
-        if column.name in ("epoc", "epoch") and known is not None and known[0] == TIME:
-            return at, UNITS[TIME][known[1]]
+        unit = spell_unit(column.unit, TIME)
+        if column.name in ("epoc", "epoch") and unit is not None:
+            return at, UNITS[TIME][unit]
     return None, 0.0
 
 
@@ -270,8 +286,7 @@ def _find_rising_column(named: Sequence[ColumnName], sample: Sequence[Sequence[s
         sample: Cells of some rows.
     """
     for at, column in enumerate(named):
-        known = unit_of(column.unit)
-        if known is not None and known[0] == TIME and not column.axis and _holds_stamps(sample, at):
+        if spell_unit(column.unit, TIME) is not None and not column.axis and _holds_stamps(sample, at):
             return at
     if not named or named[0].quantity or is_counter_name(named[0].name):
         return None
@@ -312,26 +327,26 @@ def _find_own_time(
     of_quantity = [at for at in places if named[at].quantity == signal.quantity]
     of_sensor = [at for at in places if sensor and f"_{sensor}_" in f"_{named[at].name}_"]
     alike = [at for at in places if at < first and named[at].name == named[time].name]
-    own = next((at for group in (of_quantity, of_sensor, alike[::-1]) for at in group), time)
-    return None if own == time else own
+    nearest = next((at for group in (of_quantity, of_sensor, alike[::-1]) for at in group), time)
+    return None if nearest == time else nearest
 
 
 def name_numbered_axes(named: Sequence[ColumnName]) -> list[ColumnName]:
     """The columns, with axes in place of numbers of three that belong together, as `acc_1` to `acc_3`."""
-    families: dict[tuple[str, str], dict[int, int]] = {}  # index of the column by number, by quantity and the rest
+    families: dict[tuple[str, str], dict[int, int]] = {}  # index of the column by number, by quantity and sensor
     for at, column in enumerate(named):
         matched = _NUMBER_AT_END.fullmatch(column.sensor)
         if column.quantity and not column.axis and matched is not None:
             families.setdefault((column.quantity, matched[1]), {}).setdefault(int(matched[2]), at)
     result = list(named)
-    for (_, rest), places in families.items():
+    for (_, label), places in families.items():
         if sorted(places) not in ([0, 1, 2], [1, 2, 3]):
             continue
         for axis, number in zip(AXES, sorted(places)):
-            column, unit = named[places[number]], rest.replace("_", "/")
+            column, unit = named[places[number]], label.replace("_", "/")
             has_unit = not column.unit and unit_of(unit) is not None
             result[places[number]] = replace(
-                column, axis=axis, sensor="" if has_unit else rest, unit=unit if has_unit else column.unit
+                column, axis=axis, sensor="" if has_unit else label, unit=unit if has_unit else column.unit
             )
     return result
 
@@ -368,7 +383,7 @@ def map_columns(path: Path, header: Sequence[str], mapping: Mapping[str, str], u
             raise ConfigError(path, f"{OPTION} {key}, unit", unit or None, valid)
         factors[key] = factor or 0.0
         if quantity == TIME:
-            time_unit = _unit_of(text_unit, TIME) or ""
+            time_unit = spell_unit(text_unit, TIME) or ""
     signals = []
     for quantity, letter in ((ACCEL, "a"), (GYRO, "g")):
         keys = [letter + axis for axis in AXES]
@@ -411,8 +426,8 @@ def _find_column(header: Sequence[str], text: str, name: str) -> int | None:
     a number counts columns from 1.
     """
     bare_header = [split_unit(cell)[0] for cell in header]
-    candidates = ((names, wanted) for names in (list(header), bare_header) for wanted in (text, name))
-    at = next((names.index(wanted) for names, wanted in candidates if wanted in names), None)
+    spellings = ((names, spelling) for names in (list(header), bare_header) for spelling in (text, name))
+    at = next((names.index(spelling) for names, spelling in spellings if spelling in names), None)
     if at is None and is_count(name) and 1 <= int(name) <= len(header):
         at = int(name) - 1
     return at
@@ -473,12 +488,6 @@ _UNIT = re.compile(r"(.*?)\s*[(\[]([^()\[\]]*)[)\]]\s*")
 """A text of the mapping with a unit in brackets of either form: the name and the unit."""
 
 
-def _unit_of(text: str, quantity: str) -> str | None:
-    """Usual spelling of a unit of a quantity; None for any other. `G` is the unit g of a force."""
-    known = unit_of(text.lower() if quantity == ACCEL else text)
-    return known[1] if known is not None and known[0] == quantity else None
-
-
 def _find_dialect(names: Sequence[str], has_sensors: bool) -> Dialect:
     """The units that a kind of file leaves out of its header, by the column names that are typical of the kind."""
     joined = [name.replace("_", "") for name in names]
@@ -508,7 +517,7 @@ def _classify_column(column: ColumnName, quantity: str, named: Sequence[ColumnNa
         named: All columns.
     """
     known = unit_of(column.unit)  # quantity and unit; None for an unknown unit
-    names = [other.name for other in named]
+    names = [each.name for each in named]
     if column.quantity and column.axis:
         # Physics Toolbox has forces in g, and beside them those without gravity as ax, ay, az
         is_linear = column.quantity == ACCEL and "g_fx" in names and not re.fullmatch(r"g_f[xyz]", column.name)
@@ -529,11 +538,11 @@ def _pair_groups(
     """The columns of the forces and of the rates of each sensor.
 
     Where names alone tell sensors apart, as `left_acc_x` and `left_gyr_x`, each sensor with both counts, and the only
-    one keeps its side. Otherwise the
-    first force and the first rate are those of the only sensor, calibrated ones before raw ones.
+    one keeps its side. Otherwise the first force and the first rate are those of the only sensor, calibrated ones
+    before raw ones.
 
     Args:
-        axes_by_group: Index of the column by axis, by sensor, quantity and the rest of the name.
+        axes_by_group: Index of the column by axis, by sensor, quantity and what else the name says.
         named: All columns.
 
     Returns:
@@ -541,20 +550,20 @@ def _pair_groups(
     """
     result: dict[tuple[str, str], dict[str, int]] = {}
     for sensor in dict.fromkeys(key[0] for key in axes_by_group):
-        rests: dict[str, list[str]] = {}  # the rest of the names, by quantity: the best first
+        labels: dict[str, list[str]] = {}  # what else the names say, by quantity: the best first
         for kind in (ACCEL, GYRO):
-            groups = {rest: axes for (s, k, rest), axes in axes_by_group.items() if (s, k) == (sensor, kind)}
-            rests[kind] = sorted(groups, key=lambda rest: _rank_group(groups[rest], named))
+            groups = {label: axes for (s, k, label), axes in axes_by_group.items() if (s, k) == (sensor, kind)}
+            labels[kind] = sorted(groups, key=lambda label: _rank_group(groups[label], named))
         complete = {
-            kind: [rest for rest in rests[kind] if len(axes_by_group[sensor, kind, rest]) == len(AXES)]
+            kind: [label for label in labels[kind] if len(axes_by_group[sensor, kind, label]) == len(AXES)]
             for kind in (ACCEL, GYRO)
         }
-        common = [rest for rest in complete[ACCEL] if rest in complete[GYRO]]
+        common = [label for label in complete[ACCEL] if label in complete[GYRO]]
         for kind in (ACCEL, GYRO):
             if not sensor and (len(common) > 1 or (len(common) == 1 and side_of(common[0]))):
-                result |= {(rest, kind): axes_by_group[sensor, kind, rest] for rest in common}
-            elif rests[kind]:
-                result[sensor, kind] = axes_by_group[sensor, kind, (common or rests[kind])[0]]
+                result |= {(label, kind): axes_by_group[sensor, kind, label] for label in common}
+            elif labels[kind]:
+                result[sensor, kind] = axes_by_group[sensor, kind, (common or labels[kind])[0]]
     return result
 
 
@@ -595,7 +604,7 @@ def _to_signal(
         raise missing_axis_error(path, kind, lacking[0], header)
     x, y, z = (axes[axis] for axis in AXES)
     texts = {named[at].unit for at in (x, y, z)} - {""}
-    units = {_unit_of(text, kind) or "" for text in texts} or {dialect.get(kind, "")}  # "" for an unknown unit
+    units = {spell_unit(text, kind) or "" for text in texts} or {dialect.get(kind, "")}  # "" for an unknown unit
     if len(units) != 1 or not (unit := units.pop()):  # different units, or none
         valid = f"a unit in brackets ({', '.join(UNITS[kind])}), or {OPTION} {EXAMPLE}"
         whole = all(row[at].strip().lstrip("+-").isdigit() for row in sample for at in (x, y, z) if at < len(row))

@@ -32,21 +32,23 @@ from stridetwin.streams.formats.text_encoding import detect_encoding
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.segments import side_of
 
-_MOST_HEADS = 64  # files of a folder that are looked at for a header
-# what the names of files with forces without gravity contain, and those of files that are neither forces nor rates
+_MOST_HEADS = 64
+"""Files of a folder that are looked at for a header."""
 _WITHOUT_GRAVITY = re.compile(r"linear(?!_?accelerations?\.sto)|user", re.IGNORECASE)
+"""What names of files of forces without gravity contain, as `LinearAcceleration.csv`."""
 _OTHER = re.compile(
     r"gravity|uncalibrated|metadata|magnet|orientation|annotation|high_?-?g|quaternion|euler|magnitudes|^(?:earth|linear)\b",
     re.IGNORECASE,
 )
-# the part of a file's name that says what it contains, with what follows; the rest names the sensor
-_WORDS = re.compile(
+"""What names of files that are neither forces nor rates contain, as `Orientation.csv`."""
+_QUANTITY_AND_TAIL = re.compile(
     r"[\W_]*(?:linear_accelerations?|angular_velocity|(?:total)?accel\w*?(?:eration|erometer)|gyr(?:o|oscope)?|acc(?:el)?"
     r"|rotation_?rate)(?![a-z]).*",
     re.IGNORECASE,
 )
+"""The quantity in a file's name and all that follows, as `_Accelerometer_100Hz`; what is before it names the sensor."""
 _TAG = re.compile(r"\W*(?:device ?tag|sensor name|device name)\W+([^,;\t]*)", re.IGNORECASE)
-"""Line that gives the name of a sensor."""
+"""Line that gives the name of a sensor, as `DeviceTag: left`."""
 _TOTAL, _GRAVITY, _METADATA = "TotalAcceleration.csv", "Gravity.csv", "Metadata.csv"
 """Files of Sensor Logger: forces with gravity, gravity alone (both m/s²), and properties of the phone."""
 
@@ -77,11 +79,11 @@ def read_folder_parts(path: Path, request: TableRequest, notes: Notes) -> list[T
         return _read_sensor_tables(complete, request, notes)
     parts: list[TablePart] = []
     for file, quantity in tables.items():
-        sensor = _WORDS.sub("", file.stem)  # what the name of the file says beside the quantity
+        sensor = _QUANTITY_AND_TAIL.sub("", file.stem)  # what the name of the file says beside the quantity
         for part in read_text_table(file, _select_columns(request, quantity), notes, quantity):
             name = part.sensor or sensor
             # of two tables with the same quantity of one sensor the first counts
-            if all((known.sensor, known.quantity) != (name, part.quantity) for known in parts):
+            if all((earlier.sensor, earlier.quantity) != (name, part.quantity) for earlier in parts):
                 parts.append(replace(part, sensor=name))
     if (path / _GRAVITY).is_file() and not (path / _TOTAL).is_file():
         gravity = read_text_table(path / _GRAVITY, request, notes, ACCEL)[0]

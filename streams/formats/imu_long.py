@@ -14,7 +14,7 @@ from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.formats.column_names import AXES, parse_column, sensor_of_text
 from stridetwin.streams.formats.imu_clocks import RATE, Clock, parse_stamps, read_times
 from stridetwin.streams.formats.imu_columns import KIND, OPTION, Columns, find_time, parse_header
-from stridetwin.streams.formats.imu_units import ACCEL, GYRO, TIME, UNITS, unit_of
+from stridetwin.streams.formats.imu_units import ACCEL, GYRO, TIME, UNITS, spell_unit
 from stridetwin.streams.formats.table_head import TableHead, is_number
 from stridetwin.streams.formats.table_rows import RowReader, read_groups
 from stridetwin.streams.recording.index import Notes
@@ -30,10 +30,13 @@ _SENSOR_NAME = re.compile(
 )
 """Names of columns that name the sensor of a row."""
 _TYPE_NAME = re.compile(r"(?:.*_)?type(?:_.*)?")
+"""Names of columns that tell the type of a sensor or of a reading, as `type` and `sensor_type`."""
 _QUANTITY_NAME = re.compile(
     r"quantity|measure(?:ment|d)?|signal|channel|variable|kind|name|source|metric|key|topic|field"
 )
+"""Names of columns that name the quantity of a row, as `measurement` and `channel`."""
 _VALUE_NAME = re.compile(r"(?:value|reading|data|measurement|magnitude|val)s?")
+"""Names of the only column of values, as `value` and `readings`."""
 _MOST_SENSORS = 16
 """Most sensors that the first rows of a table of several may name."""
 _VALUE_FORMS = tuple(
@@ -99,15 +102,15 @@ def _guess_layout(head: TableHead, quantity: int) -> LongLayout | None:
     rows = [row for row in head.sample if quantity < len(row) and _quantity_of(row[quantity].strip())]
     width = min(map(len, rows), default=0)
     numeric = [at for at in range(width) if at != quantity and all(is_number(row[at]) for row in rows)]
-    first = next((at for at in numeric if at > quantity and not _rises(rows, at)), width)
-    stamps = [at for at in numeric if at < first and _rises(rows, at)]
+    first = next((at for at in numeric if at > quantity and not _never_falls(rows, at)), width)
+    stamps = [at for at in numeric if at < first and _never_falls(rows, at)]
     values = [at for at in numeric if at >= first][: len(AXES)]
     if not stamps or len(values) < len(AXES):
         return None
     return LongLayout(time=stamps[-1], quantity=quantity, sensor=None, unit=None, values=tuple(values), is_guessed=True)
 
 
-def _rises(rows: Sequence[Sequence[str]], at: int) -> bool:
+def _never_falls(rows: Sequence[Sequence[str]], at: int) -> bool:
     """Whether the numbers of a column never fall, and rise now and then."""
     numbers = [float(row[at].replace(",", ".")) for row in rows]
     return all(a <= b for a, b in pairwise(numbers)) and numbers[0] < numbers[-1]
@@ -136,8 +139,8 @@ def read_mapped_groups(
     if not at and rate_hz is None:
         raise ConfigError(path, OPTION, None, f"also t, or {RATE} HZ")
     is_text = bool(at) and has_text_stamps(head, at[0])
-    wanted = [*at, *(column for signal in columns.signals for column in signal.at)]
-    reader = RowReader(wanted=wanted, times=len(at), texts_at=at[0] if is_text else None)
+    read_at = [*at, *(column for signal in columns.signals for column in signal.at)]
+    reader = RowReader(wanted=read_at, times=len(at), texts_at=at[0] if is_text else None)
     groups = read_groups(path, head, reader, notes, [kind_at], lambda key: bool(_quantity_of_code(key[0])))
     for signal_at, signal in enumerate(columns.signals):
         keys = [key for key in groups if _quantity_of_code(key[0]) == signal.quantity]
@@ -203,11 +206,8 @@ def read_long_groups(
             f"{path.name}: column {layout.quantity + 1} names the sensor of each row; column {at[0] + 1} is taken for "
             f"stamps, {x}, {y}, {z} for x, y, z; otherwise give {OPTION}"
         )
-    unit = named[at[0]].unit if at else ""
-    known = unit_of(unit)
-    columns = Columns(
-        names=head.names, time=layout.time, time_unit=known[1] if known is not None and known[0] == TIME else ""
-    )
+    time_unit = spell_unit(named[at[0]].unit, TIME) if at else None
+    columns = Columns(names=head.names, time=layout.time, time_unit=time_unit or "")
     series: dict[tuple[str, str, str], tuple[Array, Array]] = {}  # times and values, by sensor, quantity and axis
     for key, (table, texts) in sorted(groups.items(), key=lambda group: parse_column(group[0][0]).is_raw):
         quantity, axis = _quantity_of(key[0]), parse_column(key[0]).axis
@@ -266,14 +266,14 @@ def _find_factor(path: Path, name: str, quantity: str, unit: str, notes: Notes) 
     Raises:
         ConfigError: The unit is of another quantity, or unknown.
     """
-    known = unit_of(unit.lower() if quantity == ACCEL else unit)
-    if known is None and not unit.strip():
+    if not unit.strip():
         notes.warn(f"{path.name}: {name} has no unit; {_USUAL[quantity]} assumed")
         return 1.0
-    if known is None or known[0] != quantity:
+    spelling = spell_unit(unit, quantity)
+    if spelling is None:
         valid = f"one of {', '.join(UNITS[quantity])}; {OPTION} names other columns"
         raise ConfigError(path, f"unit of {name}", unit, valid)
-    return UNITS[quantity][known[1]]
+    return UNITS[quantity][spelling]
 
 
 def _join_axes(

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from stridetwin.streams.bounded import LONGEST_ROW, read_lines
 from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.formats import imu_columns
 from stridetwin.streams.formats.column_names import AXES, is_counter_name, parse_column
 from stridetwin.streams.formats.imu_clocks import (
     TICKS,
@@ -29,26 +30,6 @@ from stridetwin.streams.formats.imu_clocks import (
     read_times,
     report_rate,
     tick_length,
-)
-from stridetwin.streams.formats.imu_columns import (
-    ANDROID,
-    KIND,
-    NUMBERED,
-    OPTION,
-    PICOQUAKE,
-    XSENS_DOT,
-    Columns,
-    Dialect,
-    Signal,
-    find_columns,
-    find_force_without_gravity,
-    find_increment,
-    find_named_column,
-    is_stamp_column,
-    map_columns,
-    missing_axis_error,
-    name_numbered_axes,
-    parse_header,
 )
 from stridetwin.streams.formats.imu_long import (
     LongLayout,
@@ -73,11 +54,11 @@ _APPLE = re.compile(r"accelerometerAcceleration[XYZ]\b")
 """Names of Core Motion's acceleration, which is the opposite of the specific force."""
 _MOST_NAMED = 6
 """Most columns that the report of unused ones names."""
-# what the name of a file or folder with forces, or with rates, contains
 _QUANTITIES = (
     (ACCEL, re.compile(r"acc(?:el|_|$)|_acc", re.IGNORECASE)),
     (GYRO, re.compile(r"gyr|angular|rotation_?rate", re.IGNORECASE)),
 )
+"""What the name of a file or folder with forces, or with rates, contains, as `left_acc.csv` and `Gyroscope.csv`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,7 +126,7 @@ def is_imu_text(path: Path) -> bool:
     head = _read_head(path)
     if head is None:
         return False
-    is_other = find_force_without_gravity(head.names) or find_increment(head.names)
+    is_other = imu_columns.find_force_without_gravity(head.names) or imu_columns.find_increment(head.names)
     return bool(find_quantities(path)) or (head.has_names and bool(is_other))
 
 
@@ -158,7 +139,7 @@ def find_quantities(path: Path) -> set[str]:
         return {ACCEL, GYRO}
     if not head.has_names:
         return set()
-    named = name_numbered_axes(parse_header(head.names, head.units))
+    named = imu_columns.name_numbered_axes(imu_columns.parse_header(head.names, head.units))
     return {column.quantity for column in named if column.axis and column.quantity}
 
 
@@ -210,7 +191,7 @@ def _read_scalars(
         notes.warn(f"{path.name}: {len(skipped)} lines between names and numbers are left out: {skipped[0][:60]}")
     if not request.columns and (layout := find_long_layout(head)) is not None:
         return _read_long(path, head, layout, request, notes)
-    if KIND in request.columns:
+    if imu_columns.KIND in request.columns:
         return _read_mapped(path, head, request, notes)
     is_numbered = all(text.partition("[")[0].strip().isdecimal() for text in request.columns.values())
     if not is_numbered or not request.columns:
@@ -237,35 +218,36 @@ def _names_of(mapping: Mapping[str, str]) -> list[str]:
     return [name for text in mapping.values() for name in (text, re.sub(r"\s*[\[(][^\[(]*[\])]\s*$", "", text))]
 
 
-def _columns_of(path: Path, head: TableHead, request: TableRequest, quantity: str, notes: Notes) -> Columns:
+def _columns_of(path: Path, head: TableHead, request: TableRequest, quantity: str, notes: Notes) -> imu_columns.Columns:
     """The columns of time, forces and rates, as the user or the header names them.
 
     Raises:
         ConfigError: The table has no names of columns, or an axis or a unit is missing.
     """
     if request.columns:
-        columns = map_columns(path, head.names, request.columns, head.units)
+        columns = imu_columns.map_columns(path, head.names, request.columns, head.units)
     elif not head.has_names and head.sample:
-        raise no_names_error(path, head, OPTION, NUMBERED)
+        raise no_names_error(path, head, imu_columns.OPTION, imu_columns.NUMBERED)
     else:
-        columns = find_columns(
+        columns = imu_columns.find_columns(
             path, head.names, head.sensors, quantity, units=head.units, sample=head.sample, dialect=_dialect_of(head)
         )
         if any(_APPLE.match(name) for name in head.names):
             notes.warn(f"{path.name}: Apple's forces have the opposite sign, which is corrected")
             columns = replace(columns, signals=tuple(map(_turn_force, columns.signals)))
-        if columns.time is not None and not is_stamp_column(parse_header(head.names, head.units)[columns.time]):
+        named = imu_columns.parse_header(head.names, head.units)
+        if columns.time is not None and not imu_columns.is_stamp_column(named[columns.time]):
             notes.warn(f"{path.name}: column {head.names[columns.time] or columns.time + 1} is taken for the stamps")
-    without = find_force_without_gravity(head.names)
+    without = imu_columns.find_force_without_gravity(head.names)
     if without and all(signal.quantity != ACCEL for signal in columns.signals) and quantity != GYRO:
         valid = f"forces with gravity, as the sensor measures them: export those beside {without} as well"
         raise ConfigError(path, "forces", without, valid)
     if not columns.signals:
-        raise missing_axis_error(path, quantity or ACCEL, AXES[0], head.names)
+        raise imu_columns.missing_axis_error(path, quantity or ACCEL, AXES[0], head.names)
     return columns
 
 
-def _turn_force(signal: Signal) -> Signal:
+def _turn_force(signal: imu_columns.Signal) -> imu_columns.Signal:
     """A signal with the opposite sign if it is a force."""
     return replace(signal, factor=-signal.factor) if signal.quantity == ACCEL else signal
 
@@ -276,7 +258,8 @@ def _check_width(path: Path, head: TableHead) -> None:
     if widths and min(widths) > len(head.names):
         valid = (
             f"{len(head.names)}, as many as names ({', '.join(head.names[:9])}); if decimals have commas, cells need "
-            f"another separator: export with ; or with decimal points; {OPTION} numbers columns without a name"
+            "another separator: export with ; or with decimal points; "
+            f"{imu_columns.OPTION} numbers columns without a name"
         )
         raise ConfigError(path, "cells of a row", min(widths), valid)
 
@@ -286,9 +269,9 @@ def _count_empty_at_end(row: Sequence[str]) -> int:
     return next((k for k, cell in enumerate(reversed(row)) if cell.strip()), len(row))
 
 
-def _report_dialect(path: Path, head: TableHead, columns: Columns, notes: Notes) -> None:
+def _report_dialect(path: Path, head: TableHead, columns: imu_columns.Columns, notes: Notes) -> None:
     """Reports units that are assumed by the form of the table alone, as no line of it gives them."""
-    named = parse_header(head.names, head.units)
+    named = imu_columns.parse_header(head.names, head.units)
     rate_hz = preamble_rate(head.preamble)
     lacks = any(not named[signal.at[0]].unit for signal in columns.signals)
     if not lacks or rate_hz:
@@ -302,23 +285,25 @@ def _report_dialect(path: Path, head: TableHead, columns: Columns, notes: Notes)
         notes.warn(f"{path.name}: no units in the header; those of {maker} assumed: m/s², deg/s")
 
 
-def _dialect_of(head: TableHead) -> Dialect | None:
+def _dialect_of(head: TableHead) -> imu_columns.Dialect | None:
     """The units that the names leave out, by the lines above them or by the length of ticks; None: by the names."""
     preamble = "\n".join(head.preamble).lower()
     if "picoquake" in preamble:
-        return PICOQUAKE
+        return imu_columns.PICOQUAKE
     tick_s = tick_length(head.names, head.sample, preamble_rate(head.preamble))
     if is_dot_tick(tick_s) or (not tick_s and "devicetag" in preamble):
-        return XSENS_DOT
+        return imu_columns.XSENS_DOT
     if head.sensors:
         return None
-    return ANDROID if has_nanoseconds(parse_header(head.names, head.units), head.sample) else None
+    return (
+        imu_columns.ANDROID if has_nanoseconds(imu_columns.parse_header(head.names, head.units), head.sample) else None
+    )
 
 
 def _read_cells(
     path: Path,
     head: TableHead,
-    columns: Columns,
+    columns: imu_columns.Columns,
     request: TableRequest,
     notes: Notes,
     key_at: Sequence[int],
@@ -333,6 +318,9 @@ def _read_cells(
         notes: Collects what was assumed.
         key_at: Columns whose texts tell rows of different sensors apart.
 
+    Returns:
+        The parts, by the texts in these columns; without such columns there is one key, an empty one.
+
     Raises:
         ConfigError: A cell is no number, or the table has no stamps and no rate.
     """
@@ -345,17 +333,17 @@ def _read_cells(
     at += [columns.fraction] if has_fraction and columns.fraction is not None else []
     own_times = [s.time for s in columns.signals if s.time is not None] if clock.kind == "stamps" else []
     # first times, then x, y, z of each signal, then stamps of a signal alone, then stamps that the rate replaces
-    wanted = [*at, *(index for signal in columns.signals for index in signal.at), *own_times]
+    read_at = [*at, *(index for signal in columns.signals for index in signal.at), *own_times]
     unused = columns.time if clock.kind == "rows" and not has_text_stamps(head, columns.time or 0) else None
-    wanted += [] if unused is None else [unused]
-    wanted += [] if columns.epoch is None or own_times else [columns.epoch]
+    read_at += [] if unused is None else [unused]
+    read_at += [] if columns.epoch is None or own_times else [columns.epoch]
     times = 0 if own_times else len(at)  # where signals have stamps of their own, rows may lack others
-    reader = RowReader(wanted=wanted, times=times, texts_at=texts_at, unused_at=unused)
+    reader = RowReader(wanted=read_at, times=times, texts_at=texts_at, unused_at=unused)
     groups = read_groups(path, head, reader, notes, key_at)
-    _report_unused(path, head, [*wanted, *key_at], notes)
+    _report_unused(path, head, [*read_at, *key_at], notes)
     result: dict[tuple[str, ...], list[TablePart]] = {}
     for key, (table, texts) in groups.items():
-        cells = {index: table[:, place] for place, index in reversed(list(enumerate(wanted)))}
+        cells = {index: table[:, place] for place, index in reversed(list(enumerate(read_at)))}
         if unused is not None:
             report_rate(path, columns, cells[unused], clock.rate_hz, notes)
         if own_times:
@@ -371,7 +359,12 @@ def _read_cells(
 
 
 def _to_part(
-    path: Path, columns: Columns, signal: Signal, cells: Mapping[int, Array], t: Array, rows: NDArray[np.int64]
+    path: Path,
+    columns: imu_columns.Columns,
+    signal: imu_columns.Signal,
+    cells: Mapping[int, Array],
+    t: Array,
+    rows: NDArray[np.int64],
 ) -> TablePart:
     """The part of a signal.
 
@@ -382,6 +375,9 @@ def _to_part(
         cells: (N,) numbers by the index of their column.
         t: (K,) times, s.
         rows: (K,) rows that they are of.
+
+    Returns:
+        K values in m/s² or rad/s with their times, and the time of t = 0 since 1970 where the table gives both.
     """
     values = signal.factor * np.column_stack([cells[index] for index in signal.at])[rows]
     zero_s = None
@@ -393,7 +389,7 @@ def _to_part(
 def _read_shared_times(
     path: Path,
     head: TableHead,
-    columns: Columns,
+    columns: imu_columns.Columns,
     clock: Clock,
     cells: Mapping[int, Array],
     texts: Sequence[str] | None,
@@ -409,6 +405,9 @@ def _read_shared_times(
         cells: (N,) numbers by the index of their column.
         texts: The stamps, if they are dates or times of day; then they are seconds, whatever the unit in the header.
         notes: Collects what was assumed.
+
+    Raises:
+        ConfigError: A stamp is invalid, no unit of time fits, or a counter goes back.
     """
     count = len(cells[columns.signals[0].at[0]])
     if texts is not None:
@@ -421,7 +420,7 @@ def _read_shared_times(
 
 
 def _read_own_times(
-    path: Path, head: TableHead, columns: Columns, cells: Mapping[int, Array], notes: Notes
+    path: Path, head: TableHead, columns: imu_columns.Columns, cells: Mapping[int, Array], notes: Notes
 ) -> list[tuple[Array, NDArray[np.int64]]]:
     """Times (K,) s of each signal, and the rows (K,) that they are of, in a table of several clocks.
 
@@ -431,21 +430,24 @@ def _read_own_times(
         columns: The columns, some of whose signals have stamps of their own.
         cells: (N,) numbers by the index of their column; not a number where a row has no stamp.
         notes: Collects what was assumed.
+
+    Raises:
+        ConfigError: A signal has no stamps, or no unit of time fits them.
     """
-    named = parse_header(head.names, head.units)
-    known: dict[int, tuple[Array, NDArray[np.int64]]] = {}  # by the column of stamps
+    named = imu_columns.parse_header(head.names, head.units)
+    by_column: dict[int, tuple[Array, NDArray[np.int64]]] = {}  # by that of the stamps
     result = []
     for signal in columns.signals:
         at = columns.time if signal.time is None else signal.time
         if at is None:
-            raise missing_axis_error(path, TIME, "", head.names)
-        if at not in known:
+            raise imu_columns.missing_axis_error(path, TIME, "", head.names)
+        if at not in by_column:
             rows = np.flatnonzero(np.isfinite(cells[at]))
             unit = unit_of(named[at].unit)
             of_signal = replace(columns, time=at, time_unit=columns.time_unit if unit is None else unit[1])
             t = read_times(path, of_signal, Clock(at=at, kind="stamps"), cells[at][rows], len(rows), notes)
-            known[at] = (t, rows)
-        result.append(known[at])
+            by_column[at] = (t, rows)
+        result.append(by_column[at])
     return result
 
 
@@ -466,7 +468,7 @@ def _counts_or_times(name: str) -> bool:
     column = parse_column(name)
     joined = column.name.replace("_", "")
     is_index = joined.startswith("unnamed") or joined in ("index", "row", TICKS)
-    return is_index or is_counter_name(column.name) or is_stamp_column(column)
+    return is_index or is_counter_name(column.name) or imu_columns.is_stamp_column(column)
 
 
 def _read_long(path: Path, head: TableHead, layout: LongLayout, request: TableRequest, notes: Notes) -> list[TablePart]:
@@ -488,13 +490,12 @@ def _read_mapped(path: Path, head: TableHead, request: TableRequest, notes: Note
     Raises:
         ConfigError: A column is unknown, a cell is no number, or stamps or a quantity are missing.
     """
-    columns = map_columns(path, head.names, request.columns, head.units)
-    kind_at = find_named_column(path, head.names, KIND, request.columns[KIND])
-    parts = [
+    columns = imu_columns.map_columns(path, head.names, request.columns, head.units)
+    kind_at = imu_columns.find_named_column(path, head.names, imu_columns.KIND, request.columns[imu_columns.KIND])
+    return [
         TablePart(file=path, sensor=sensor, quantity=quantity, t=t, values=values)
         for sensor, quantity, t, values in read_mapped_groups(path, head, columns, kind_at, request.rate_hz, notes)
     ]
-    return parts
 
 
 def without_only_sensor(parts: Sequence[TablePart]) -> list[TablePart]:

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
 
 TIME, ACCEL, GYRO = "time", "accel", "gyro"
+"""Quantities of the columns of a table: time, specific force and angular rate."""
 UNITS: Mapping[str, Mapping[str, float]] = {
     TIME: {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "ns": 1e-9, "0.1ms": 1e-4, "min": 60.0, "h": 3600.0, "d": 86400.0},
     ACCEL: {
@@ -59,8 +60,11 @@ _CHANGES = (
     (re.compile(r"^(m?)dps$"), r"\1deg/s"),
     (re.compile(r"^(m?)degps$"), r"\1deg/s"),
     (re.compile(r"^(?:rps|radps)$"), "rad/s"),
+    # gees, mgees, Gs
     (re.compile(r"^(m?)gees$|^(m?)gs$"), r"\1\2g"),
+    # m/s/s, m/s2, mps2, mpss, m*s^-2, ms2
     (re.compile(r"^([mc]?m)(?:/s(?:\^?[2²]|/s)|ps\^?[2²]|pss|[*.·⋅]?s\^?[-⁻−]\^?[2²]|s[2²])$"), r"\1/s²"),
+    # deg*s^-1, rads^-1
     (re.compile(r"^(m?(?:deg|rad)|rev)[*.·⋅]?s\^?[-⁻−]\^?[1¹]$"), r"\1/s"),
 )
 """Changes that make the usual spelling of other ones in lower case, in this order."""
@@ -84,18 +88,29 @@ def factor_of(text: str, quantity: str) -> float | None:
         quantity: `accel` or `gyro`.
     """
     text = text.lower() if quantity == ACCEL else text
-    known = unit_of(text)
-    if known is not None:
-        return UNITS[quantity][known[1]] if known[0] == quantity else None
+    if unit_of(text) is not None:
+        spelling = spell_unit(text, quantity)
+        return None if spelling is None else UNITS[quantity][spelling]
     for pattern in _SCALED:
         matched = pattern.fullmatch(text.strip())
-        known = unit_of(matched["unit"]) if matched is not None else None
-        if matched is None or known is None or known[0] != quantity:
+        spelling = spell_unit(matched["unit"], quantity) if matched is not None else None
+        if matched is None or spelling is None:
             continue
         parts = {name: float(value) for name, value in matched.groupdict().items() if name != "unit" and value}
         if all(parts.values()):
-            return UNITS[quantity][known[1]] * parts.get("factor", 1.0) / parts.get("divisor", 1.0)
+            return UNITS[quantity][spelling] * parts.get("factor", 1.0) / parts.get("divisor", 1.0)
     return None
+
+
+def spell_unit(text: str, quantity: str) -> str | None:
+    """Usual spelling of a unit of a quantity, such as `m/s²` for `m/s^2`; None for an unknown one or another quantity.
+
+    Args:
+        text: As in a header; `G` is the unit g of a force.
+        quantity: `time`, `accel` or `gyro`.
+    """
+    known = unit_of(text.lower() if quantity == ACCEL else text)
+    return known[1] if known is not None and known[0] == quantity else None
 
 
 @functools.lru_cache(maxsize=4096)
@@ -123,3 +138,4 @@ _OTHER_UNITS = re.compile(
     r"|m?v|v|°|deg|degrees|rad|°?c|deg ?c|celsius|k|n\.?u\.?|int|bool|string|text|date|datetime|yyyy.*|hh.*)?[\])]?",
     re.IGNORECASE,
 )
+"""Units of other quantities, and marks of columns without one, as `[uT]`, `hPa`, `°C`, `-` and `no units`."""

@@ -18,6 +18,7 @@ from stridetwin.streams.row_patterns import QUANTITIES, Flags, find_frozen, find
 from stridetwin.streams.samples import Array, Block, Stamps
 
 _WHAT: Mapping[str, str] = {"accel": "forces", "gyro": "rates"}
+"""What messages call a quantity."""
 _MOST_SHARE = 0.9
 """Share of rows without a measurement from which on the stream is refused."""
 
@@ -80,12 +81,15 @@ def leave_out_unmeasured(name: str, block: Block[SampleT], notes: Notes) -> Bloc
 
 
 def _interpolate(t_ns: Stamps, values: Array, lacking: Flags) -> tuple[Array, Flags]:
-    """Values (N, 3) with rows that lack interpolated, and (N,) whether measured rows are near enough for that.
+    """Interpolates the rows without a measurement linearly between those that are measured.
 
     Args:
         t_ns: (N,) stamps.
         values: (N, 3) numbers.
         lacking: (N,) rows without a measurement.
+
+    Returns:
+        Values (N, 3); and (N,) whether a row is measured, or between measured rows that are up to `LONGEST_S` apart.
     """
     at = np.flatnonzero(~lacking)
     if not len(at):

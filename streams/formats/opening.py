@@ -26,7 +26,13 @@ from stridetwin.streams.formats.imu_folder import is_imu_folder
 from stridetwin.streams.formats.imu_table import read_imu_tables
 from stridetwin.streams.formats.imu_text import OPEN_SUFFIXES, TableRequest, has_table_suffix, is_imu_text
 from stridetwin.streams.formats.imu_unmeasured import leave_out_unmeasured
-from stridetwin.streams.formats.unknown_folder import VIDEO, describe_parent, describe_unknown
+from stridetwin.streams.formats.unknown_folder import (
+    MOST_LISTED,
+    VIDEO,
+    VIDEO_SUFFIXES,
+    describe_parent,
+    describe_unknown,
+)
 from stridetwin.streams.kalibr import read_rig
 from stridetwin.streams.plausible import (
     DEPTH_UNITS,
@@ -42,6 +48,7 @@ from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.recording.recording_schema import RIG_NAME
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import (
+    QUATERNION_NORM_ERROR,
     Accelerometer,
     Array,
     Block,
@@ -61,8 +68,10 @@ TABLE_TOPIC = "/foot_l/imu"
 """Topic of the only IMU of a table."""
 _BAGS = ("mcap", "rosbag1", "rosbag2")
 """Formats whose streams have topics of their own."""
-_REGISTERED_KINDS = ("tum", "7scenes")  # by their layout
-_REGISTERED = re.compile(r"aligned|registered")  # drivers' names of registered depth images
+_REGISTERED_KINDS = ("tum", "7scenes")
+"""Formats whose layout says that depth is registered to colour."""
+_REGISTERED = re.compile(r"aligned|registered")
+"""What drivers' names of registered depth images contain, as `/camera/aligned_depth_to_color/image_raw`."""
 _HEADS = {MAGIC[:5]: "mcap", b"#ROSBAG": "rosbag1", b"SQLite format 3\0": "rosbag2"}
 """First bytes of a file of each kind."""
 _PACKINGS = {b"PK\3\4": "zip", b"\x28\xb5\x2f\xfd": "zstd", b"\x1f\x8b": "gzip", b"BZh": "bzip2", b"7z\xbc\xaf": "7z"}
@@ -78,9 +87,10 @@ _LAYOUTS: Mapping[str, Callable[[Path], bool]] = {
 }
 """Whether a folder has the layout of each kind."""
 _AS_CSV = "export the table as CSV, in UTF-8, with the names and units of its columns"
+"""What to do with a table of another program."""
 _UNREAD: Mapping[str, str] = {
     **dict.fromkeys((".xls", ".xlsx", ".ods", ".mat", ".json", ".parquet", ".h5", ".hdf5", ".feather"), _AS_CSV),
-    **dict.fromkeys((".mp4", ".mov", ".avi", ".mkv"), VIDEO),
+    **dict.fromkeys(VIDEO_SUFFIXES, VIDEO),
     **dict.fromkeys((".zip", ".gz", ".7z", ".rar", ".tar", ".tgz", ".zst"), "unpack it first"),
 }
 """What to do about files of other kinds that may have a table."""
@@ -104,20 +114,18 @@ _DEPTH_SCALES: Mapping[str, float] = {
 }
 """Usual units of depth images per metre, of the formats whose reader takes another number of them."""
 _EVENTS = (Footprint, Point)  # irregular events
-_MOST_LISTED = 8
-"""Most entries of a folder that an error lists."""
 _PART_SUFFIXES = (".txt", ".csv", ".yaml", ".png", ".jpg")
 """Endings of files that are a part of a folder with a recording."""
-_VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv")
 _IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".exr", ".tif", ".tiff", ".pgm")
+"""Endings of files of images, in lower case."""
 _METADATA = "metadata.yaml"
 """File that describes a ROS 2 bag."""
 _REINDEX = "`ros2 bag reindex` writes it anew; without it, the files are read in the order of their names"
 """What to do about invalid metadata."""
-_NORM_ERROR = 0.1
-"""How far the norm of a quaternion may be off."""
-_SHORT = 0.05  # of the longest stream may be missing from another without a warning
-_FEWEST = 10  # samples needed to check a rate or a unit
+_SHORT = 0.05
+"""Share of the longest stream that may be missing from another one without a warning."""
+_FEWEST = 10
+"""Samples that are needed to check a rate or a unit."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -241,13 +249,8 @@ def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | N
     streams = streams_of(source, topics, numbered=kind not in _BAGS)  # by which calibrations find their streams
     registered = _find_registered(source, topics)  # our topics of depth that is registered to colour
     source = _rename_topics(source, topics, bodies_are_known=own_file is not None)
-    if own_file is None and kind != "table":  # a table's IMUs are bridged before they are joined
-        source = replace(
-            source, blocks={topic: _bridge_inertial(topic, b, notes) for topic, b in source.blocks.items()}
-        )
     if own_file is None:
-        source = replace(source, blocks=_leave_out_paths(source, notes))
-        _report_unreadable(source, notes)
+        source = _clean_streams(source, notes)
     better = _read_better_rig(path, source, options, streams, notes)  # calibrations from files
     rig = with_assumed_calibration(_merge_rigs(source.rig, better), source.blocks, source.images, notes, registered)
     for topic, text in source.assumed.items():
@@ -362,9 +365,9 @@ def _report_images(path: Path, notes: Notes) -> None:
     """Warns if a folder that is read as IMU tables has images, whose layout is none that is read."""
     entries = sorted(path.iterdir()) if path.is_dir() else []
     with_images = [f"{entry.name}/" for entry in entries if entry.is_dir() and _has_images(entry)]
-    with_images += [entry.name for entry in entries if entry.suffix.lower() in _VIDEO_SUFFIXES]
+    with_images += [entry.name for entry in entries if entry.suffix.lower() in VIDEO_SUFFIXES]
     if with_images:
-        names = ", ".join(with_images[:_MOST_LISTED])
+        names = ", ".join(with_images[:MOST_LISTED])
         notes.warn(f"read as IMU tables alone: the images in {names} have no layout that is read")
 
 
@@ -516,6 +519,24 @@ def _rename_topics(source: Source, topics: Mapping[str, str], bodies_are_known: 
     return replace(source, blocks=blocks, images=images, rig=rig, assumed=assumed)
 
 
+def _clean_streams(source: Source, notes: Notes) -> Source:
+    """Another tool's streams with gaps of its IMUs bridged, and without paths that have no attitudes.
+
+    Args:
+        source: The source, under our topics.
+        notes: Collects what was bridged and left out, and streams of images that cannot be read.
+
+    Raises:
+        StrideTwinError: Nothing is left.
+    """
+    if source.kind != "table":  # a table's IMUs are bridged before they are joined
+        blocks = {topic: _bridge_inertial(topic, block, notes) for topic, block in source.blocks.items()}
+        source = replace(source, blocks=blocks)
+    source = replace(source, blocks=_leave_out_paths(source, notes))
+    _report_unreadable(source, notes)
+    return source
+
+
 def _bridge_inertial(topic: str, block: Block[Sample], notes: Notes) -> Block[Sample]:
     """An IMU or accelerometer whose numbers are all finite without unmeasured rows and gaps; other blocks unchanged."""
     if block.kind not in (Imu, Accelerometer) or not block.finite.all():
@@ -534,11 +555,13 @@ def _leave_out_paths(source: Source, notes: Notes) -> dict[str, Block[Sample]]:
         if block.kind is not Odometry or not len(block):
             continue
         norm = np.linalg.norm(block.columns["q_world_frame"], axis=1)
-        is_off = np.isfinite(norm) & (np.abs(norm - 1.0) > _NORM_ERROR)  # other numbers are reported elsewhere
+        is_off = np.isfinite(norm) & (
+            np.abs(norm - 1.0) > QUATERNION_NORM_ERROR
+        )  # other numbers are reported elsewhere
         if is_off.any():
             row = int(np.argmax(is_off))
-            seen = f"quaternion of row {row + 1} has the norm {norm[row]:.3g}, not 1"
-            notes.warn(f"{topic} is not read: the {seen}; {int(is_off.sum())} of {len(block)} poses have no attitude")
+            reason = f"the quaternion of row {row + 1} has the norm {norm[row]:.3g}, not 1"
+            notes.warn(f"{topic} is not read: {reason}; {int(is_off.sum())} of {len(block)} poses have no attitude")
             del blocks[topic]
     if source.blocks and not blocks and not source.images:
         raise RecordingError(f"{notes.path}: no readable sample: {'; '.join(notes.warnings)}")

@@ -27,6 +27,7 @@ COLOR, DEPTH, TRUTH_TOPIC = "/head/color", "/head/depth", "/truth/head/color/odo
 _FRAME = re.compile(r"frame-(\d{1,9})\.(color\.(?:png|jpg|jpeg)|depth\.png|pose\.txt)")
 """A file of a frame: the number of the frame, and what the file contains with its ending."""
 _INTRINSICS = "camera-intrinsics.txt"
+"""Usual name of the file of a camera matrix."""
 _PUBLISHED = (585.0, 585.0, 320.0, 240.0)  # of the Kinect that took the published scenes, 640 x 480
 
 

@@ -21,18 +21,24 @@ from stridetwin.streams.formats.imu_units import is_unit_like, unit_of
 _SPACES = " "
 """Separator of tables whose cells any number of blanks separate."""
 _SEPARATORS = ("\t", ";", ",", "|", _SPACES)
+"""Separators of cells; of two with equally many numbers the first counts."""
 _COMMENT = re.compile(r"\s*\"?(?:#|//|%|;)+\s*")
+"""The mark at the begin of a comment, as `# ` and `// `."""
 _GIVEN_SEPARATOR = re.compile(r"\"?sep=(.)\"?\s*", re.IGNORECASE)
 """The first line by which spreadsheets are told the separator."""
 _NUMBER = re.compile(r"\s*[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[+-]?\d+)?\s*", re.IGNORECASE)
+"""A number with a decimal point, as `-1.5e-3`."""
 _COMMA_NUMBER = re.compile(r"\s*[+-]?(?:\d+,\d*|,\d+)(?:e[+-]?\d+)?\s*", re.IGNORECASE)
+"""A number with a decimal comma, as `-1,5`."""
 _THOUSANDS = {
     mark: re.compile(rf"\s*[+-]?\d{{1,3}}(?:[{gap}]\d{{3}})+(?:[{mark}]\d*)?\s*")
     for mark, gap in ((".", ", '"), (",", ". '"))
 }
 """Numbers whose thousands are marked, as `1,234.5` and `1.234,5`, by the decimal mark."""
 _COMMENT_AT_END = re.compile(r"(?<=\S)\s+(?:#|//).*$")
+"""A comment behind the cells of a row, as ` # stop`."""
 _BLANK_CELL = re.compile(r'"([^"]*)"|(\S+)')
+"""A cell between blanks, in quotes if it has blanks itself."""
 _SIGNS = str.maketrans(
     {"\u2212": "-", "\u2010": "-", "\u2011": "-", "\u00a0": " ", "\u202f": " ", "\u2009": " ", "\ufeff": ""}
 )
@@ -40,12 +46,15 @@ _SIGNS = str.maketrans(
 _CALIBRATION_WORDS = {"raw", "cal", "uncal", "calibrated", "uncalibrated"}
 """Cells of a row below the names that tells raw numbers and calibrated ones apart, as Shimmer's."""
 _COUNT = re.compile(r"\s*[0-9]{1,18}\s*")
+"""A whole number that fits into 64 bits."""
 _MOST_PREAMBLE = 50_000
 """Lines within which the numbers begin."""
 _BUFFER, _SAMPLE = 2000, 50
 """Lines that are read at once until rows of numbers appear, and rows of numbers that are looked at."""
-_HEADER_REACH = 40  # lines above the numbers among which the names are
+_HEADER_REACH = 40
+"""Lines above the numbers among which the names are."""
 _FEW_CELLS = 5
+"""Rows of up to so many cells must have exactly as many as the others, for a property has as few."""
 _REALSENSE = re.compile(r"stream type,index,f#,", re.IGNORECASE)
 _REALSENSE_NAMES = ("Stream Type", "Index", "F#", "HW Timestamp (ms)", "Host Timestamp(ms)", "x", "y", "z")
 """The sections of rs-data-collect: how each begins, and the names of those of forces and rates."""
@@ -212,13 +221,13 @@ def _read_until_numbers(lines: Iterator[str]) -> tuple[list[str], _Shape]:
     while len(buffer) < _MOST_PREAMBLE and (chunk := list(islice(lines, _BUFFER))):
         buffer += chunk
         tail = [line for line in buffer[-4 * _SAMPLE :] if line.strip() and not _is_comment(line, _SPACES)][-_SAMPLE:]
-        shape = _find_shape(tail, _given_separator(buffer))
+        shape = _find_shape(tail, _read_separator(buffer))
         if shape.numbers > 1:
             return buffer, shape
-    return buffer, _find_shape([line for line in buffer[:_BUFFER] if line.strip()], _given_separator(buffer))
+    return buffer, _find_shape([line for line in buffer[:_BUFFER] if line.strip()], _read_separator(buffer))
 
 
-def _given_separator(buffer: Sequence[str]) -> str:
+def _read_separator(buffer: Sequence[str]) -> str:
     """The separator that the first line gives, as `sep=;`; "" without such a line."""
     matched = _GIVEN_SEPARATOR.fullmatch(buffer[0]) if buffer else None
     return matched[1] if matched else ""
@@ -248,14 +257,14 @@ def _find_decimal(rows: Sequence[Sequence[str]]) -> str:
     """Decimal mark in place of the point among cells of some rows; "" for the point."""
     cells = [cell for row in rows for cell in row]
     for mark, pattern in _THOUSANDS.items():  # with both marks in one number, the last one is the decimal mark
-        other = "," if mark == "." else "."
-        if any(mark in cell and other in cell and pattern.fullmatch(cell) for cell in cells):
+        opposite = "," if mark == "." else "."
+        if any(mark in cell and opposite in cell and pattern.fullmatch(cell) for cell in cells):
             return "" if mark == "." else mark
     return "," if any(map(_COMMA_NUMBER.fullmatch, cells)) else ""
 
 
 def _split(line: str, separator: str) -> list[str]:
-    """Cells of a line; quotes may surround them."""
+    """Cells of a line between separators, or between blanks; quotes around them are left out."""
     return _split_blanks(line) if separator == _SPACES else next(csv.reader([line], delimiter=separator), [])
 
 
@@ -342,8 +351,8 @@ def _find_names(above: Sequence[tuple[int, str]], shape: _Shape, wanted: set[str
 def _score_names(cells: Sequence[str], wanted: set[str]) -> int:
     """How many cells are names of columns that we know, or that the user gives."""
     parsed = [parse_column(cell, with_linear=True) for cell in cells]
-    known = sum(bool((c.quantity and c.axis) or c.axis or is_time_name(c.name)) for c in parsed)
-    return known + 10 * len(wanted & set(cells))
+    count = sum(bool((c.quantity and c.axis) or c.axis or is_time_name(c.name)) for c in parsed)
+    return count + 10 * len(wanted & set(cells))
 
 
 def _count_units(cells: Sequence[str]) -> int:

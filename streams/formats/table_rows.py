@@ -38,10 +38,11 @@ _EMPTY = frozenset(
 )
 """Texts, in lower case, of cells without a measurement."""
 _WORDS = re.compile(r".*[A-Za-z*=_]{2}|\s*[-*=#_]{3,}")
-"""A text that is no damaged number, at the begin of a line that is no sample, such as `End of file`."""
+"""A text that is no damaged number, at the begin of a line that is no sample, such as `End of file` and `-----`."""
 _MOST_OTHER_LINES, _FEW_OTHER_LINES = 0.02, 20
 """Lines that are no samples, as a share of the rows, up to which they are left out; so many are in any case."""
 _MOST_GROUPS = 256
+"""Most texts that tell rows apart; more are no names of sensors."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,6 +116,13 @@ class _Group:
     count: int = 0
     texts: list[str] = field(default_factory=list)
 
+    def add(self, numbers: Sequence[float], text: str | None) -> None:
+        """Adds the numbers of a row, and its stamp as text if there is one."""
+        self.numbers.extend(numbers)
+        self.count += 1
+        if text is not None:
+            self.texts.append(text)
+
 
 def read_groups(
     path: Path,
@@ -145,7 +153,7 @@ def read_groups(
     """
     groups: dict[tuple[str, ...], _Group] = {} if key_at else {(): _Group()}
     row = 0  # rows so far that are not empty
-    others: list[str] = []  # lines that are no samples
+    other_lines: list[str] = []  # those that are no samples
     cut: ConfigError | None = None  # the error of a short row, which is none if the row is the last one
     for cells in head.rows:
         if not any(cells):
@@ -160,38 +168,40 @@ def read_groups(
             numbers = reader.read(cells, head.decimal)
         except _CellError as error:
             if reader.is_other_line(cells):
-                others.append(", ".join(filter(None, cells)))
+                other_lines.append(", ".join(filter(None, cells)))
                 continue
             value = cells[error.at] if error.at < len(cells) else None
-            invalid = ConfigError(path, f"{head.names[error.at]}, row {row}", value, "a number")
+            cut = ConfigError(path, f"{head.names[error.at]}, row {row}", value, "a number")
             if len(cells) >= len(head.names):
-                raise invalid from None
-            cut = invalid
+                raise cut from None
             continue
         group = groups.setdefault(key, _Group())
         if len(groups) > _MOST_GROUPS:
             names = ", ".join(head.names[at] for at in key_at)
             raise ConfigError(path, names, f"more than {_MOST_GROUPS} texts", "the names of a few sensors")
-        group.count += 1
-        group.numbers.extend(numbers)
-        if reader.texts_at is not None:
-            group.texts.append(cells[reader.texts_at])
+        group.add(numbers, None if reader.texts_at is None else cells[reader.texts_at])
     if cut is not None:
         notes.warn(f"{path.name}: the last row is cut off, and left out")
-    _report_other_lines(path, others, row, notes)
+    _report_other_lines(path, other_lines, row, notes)
     width = len(reader.wanted)
     return {key: (np.array(group.numbers).reshape(group.count, width), group.texts) for key, group in groups.items()}
 
 
-def _report_other_lines(path: Path, others: Sequence[str], rows: int, notes: Notes) -> None:
-    """Reports the lines that are no samples.
+def _report_other_lines(path: Path, lines: Sequence[str], rows: int, notes: Notes) -> None:
+    """Reports the lines that are no samples, of which the first is shown.
+
+    Args:
+        path: Named by the report.
+        lines: Their cells, joined.
+        rows: Number of all lines with cells.
+        notes: Collects the report.
 
     Raises:
         ConfigError: They are too many.
     """
-    if not others:
+    if not lines:
         return
-    if len(others) > max(_FEW_OTHER_LINES, _MOST_OTHER_LINES * rows):
-        value = f"{len(others)} such as {others[0][:60]}"
+    if len(lines) > max(_FEW_OTHER_LINES, _MOST_OTHER_LINES * rows):
+        value = f"{len(lines)} such as {lines[0][:60]}"
         raise ConfigError(path, "lines that are no samples", value, "rows of numbers")
-    notes.warn(f"{path.name}: {len(others)} lines among the numbers are no samples and left out: {others[0][:60]}")
+    notes.warn(f"{path.name}: {len(lines)} lines among the numbers are no samples and left out: {lines[0][:60]}")

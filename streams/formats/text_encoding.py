@@ -20,6 +20,7 @@ _LEGACY = ("gb18030", "cp932", "cp949", "big5", "cp1251", "cp1253", FALLBACK)
 _UNDEFINED = bytes((0x81, 0x8D, 0x8F, 0x90, 0x9D))
 """Bytes that are no sign in `FALLBACK`."""
 _RUNS = re.compile(rb"[\x80-\xff]+(?:[\x40-\x7e][\x80-\xff]+)*")
+"""Bytes beyond ASCII in a row, between which second bytes of a sign may be ASCII, as in GB 18030."""
 _FEWEST_IN_RUNS, _LOOKED_AT = 2.0, 1 << 16
 """Bytes beyond ASCII in a row from which on a text has whole words of other alphabets, and bytes that are looked at."""
 _MARKS = (
@@ -29,7 +30,9 @@ _MARKS = (
     (codecs.BOM_UTF16_LE, "utf-16"),
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
+"""Byte order marks, and the codec that each of them tells."""
 _HEAD, _CHUNK = 4096, 1 << 20
+"""Bytes at the begin of a file in which zeros are looked for, and bytes that are decoded at once."""
 _FEWEST_ZEROS = 0.3
 """Share of zero bytes among those of even or odd place from which on a text without a mark is UTF-16."""
 

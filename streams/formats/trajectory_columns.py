@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stridetwin.streams.samples import Array
+from stridetwin.streams.samples import QUATERNION_NORM_ERROR, Array
 
 W_FIRST, W_LAST = "wxyz", "xyzw"
+"""The two orders of the numbers of a quaternion."""
 ORDERS = (W_LAST, W_FIRST)
-"""Orders of the four numbers of a quaternion in a file."""
+"""Orders that a file may have, the more frequent one first."""
 _UNITS = {
     "s": "s",
     "sec": "s",
@@ -33,20 +34,27 @@ _UNITS = {
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0, "ft": 0.3048, "in": 0.0254}
 """Units of positions, and how many metres each has."""
 _UNIT = re.compile(r"[\[(]([^\])]*)[\])]")
+"""A unit in brackets, as in `x [mm]` and `t(s)`."""
 _TIME = re.compile(r"t|.*time.*|.*stamp.*|t_(s|ms|us|ns)|secs?|seconds?")
+"""Names of stamps, simplified, as `timestamp`, `t_ns` and `seconds`."""
 _HEADER_STAMP = re.compile(r".*header_stamp")
 """The stamp in the header of a ROS message, which is that of the measurement; the time beside it is of its arrival."""
 _SECONDS = re.compile(r"(.*_)?(?:secs?|seconds)")
+"""Names of the whole seconds of a stamp in two columns, as `header_stamp_sec`; the part before it is that of both."""
 _NANOSECONDS = re.compile(r"(.*_)?(?:nsecs?|nanosecs?|nanoseconds)")
+"""Names of the part of such a stamp below a second, as `header_stamp_nanosec`."""
 _QUATERNION = re.compile(
     r"(?:.*_)?(?:q|quat|quaternion|orientation|ori|attitude|att|rotation|rot)_?(?:rs_)?([wxyz])(?:_world_\w+)?"
 )
+"""Names of a number of a quaternion, as `qx`, `pose_orientation_w` and `q_rs_w`, with its axis."""
 _POSITION = re.compile(
     r"(?:.*_)?(?:p|t|pos|position|pose|trans|translation|location|loc)_?(?:rs_r_)?([xyz])(?:_(?:mm|cm|m)|_world_\w+)?"
 )
+"""Names of a coordinate, as `tx`, `pos_x_mm` and `p_rs_r_x`, with its axis."""
 _BARE_POSITION = re.compile(r"([xyz])(?:_(?:mm|cm|m))?")
-_QUATERNION_NORM, _ORTHONORMAL = 0.1, 0.05
-"""How far the norm of a quaternion, and the entries of a rotation times its transpose, may be off."""
+"""Names of a coordinate that are axes alone, as `x` and `x_mm`."""
+_ORTHONORMAL = 0.05
+"""How far the entries of a rotation times its transpose may be off."""
 _EUROC, _KITTI, _SQUARE = 17, 12, 16
 """Columns of EuRoC's ground truth, and of matrices of three and of four rows."""
 
@@ -145,7 +153,7 @@ def columns_of_ros_echo(cells: Sequence[str]) -> Columns | None:
 
 
 def is_number(word: str) -> bool:
-    """Whether a word is a number, also NaN or infinite."""
+    """Whether a word is what `float` takes as a number, also NaN or infinite; commas are none of decimals."""
     try:
         float(word)
     except ValueError:
@@ -223,7 +231,13 @@ def columns_by_numbers(table: Array, *, has_commas: bool) -> Columns | None:
 
 
 def with_order(columns: Columns, order: str, *, is_known: bool = False) -> Columns:
-    """The columns with the quaternion in another order of the same four places: `xyzw` or `wxyz`."""
+    """The columns with the quaternion in another order of the same four places.
+
+    Args:
+        columns: The columns, with a quaternion.
+        order: `xyzw` or `wxyz`.
+        is_known: Whether the user, or the form of the file, fixes this order.
+    """
     places = sorted(columns.quaternion)
     by_axis = dict(zip(order, places))
     return replace(columns, quaternion=tuple(by_axis[axis] for axis in W_LAST), is_order_known=is_known)
@@ -259,7 +273,7 @@ def _is_unit(table: Array, places: Sequence[int]) -> bool:
     """Whether most rows have a unit quaternion at four places."""
     with np.errstate(over="ignore", invalid="ignore"):
         norm = np.linalg.norm(table[:, list(places)], axis=1)
-    return bool(np.mean(np.abs(norm - 1.0) < _QUATERNION_NORM) > 0.5)
+    return bool(np.mean(np.abs(norm - 1.0) < QUATERNION_NORM_ERROR) > 0.5)
 
 
 def _begins_with_identity(table: Array, places: Sequence[int]) -> bool | None:

@@ -36,10 +36,14 @@ from stridetwin.streams.trajectory import Trajectory
 
 UNITS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
 """Units of stamps, and how many nanoseconds each has."""
-_LATEST_S = 9e9  # range of 64-bit nanoseconds
-_FARTHEST_M = 1e9  # beyond it squared errors overflow
+_LATEST_S = 9e9
+"""Latest stamp, s: the range of nanoseconds in 64 bits ends at 9.2e9."""
+_FARTHEST_M = 1e9
+"""Farthest position, m: the earth is a hundredth of that, and squares of larger errors tell nothing."""
 _FORMS = f"8 numbers: {TUM}, more columns with a header that names them, or the 12 numbers of KITTI with --times"
+"""What an error says of rows of another form."""
 _ANGLES = "a quaternion; angles are not read (scipy's Rotation.from_euler converts them, in the order of the tool)"
+"""What an error says of angles in place of a quaternion."""
 _EULER = re.compile(r"roll|pitch|yaw|euler", re.IGNORECASE)
 """Names of columns with angles."""
 _UNIT = "a unit quaternion; a header that names the columns says where it is, such as # t id x y z qw qx qy qz"
@@ -90,6 +94,9 @@ def read_trajectory(
         options: What the user says about it.
         span_ns: First and last stamp of the recording that it belongs to, ns; helps to recognise the unit of stamps.
         notes: Collects assumptions.
+
+    Returns:
+        Poses in metres with stamps in ns, increasing, and the order of the quaternion.
 
     Raises:
         StrideTwinError: The file cannot be read, a row is invalid, or its form is unknown; the message names the line
@@ -380,11 +387,11 @@ def _check_span(path: str | Path, t_ns: NDArray[np.int64], unit: str, span_ns: t
     if len(t_ns) == 1:
         raise ConfigError(path, "rows", 1, "at least 2 poses")
     if inside < 2:
-        other = _unit_by_duration(t_ns, unit, span_ns)
-        shift = (span_ns[0] - int(t_ns[0]) * UNITS[other] / UNITS[unit]) * 1e-9
-        advice = "" if other == unit else f"--time-unit {other}, with which they last as long, and "
+        likely_unit = _unit_by_duration(t_ns, unit, span_ns)
+        shift = (span_ns[0] - int(t_ns[0]) * UNITS[likely_unit] / UNITS[unit]) * 1e-9
+        advice = "" if likely_unit == unit else f"--time-unit {likely_unit}, with which they last as long, and "
         cause = f"in {unit}: is it another clock? {advice}--time-offset {shift:.3f} begins with the recording"
-        cause += "; or --time-unit" if other == unit else ""
+        cause += "; or --time-unit" if likely_unit == unit else ""
         stamps = f"{_span_text(int(t_ns[0]), int(t_ns[-1]))}"
         raise ConfigError(path, "time stamps", stamps, f"at least 2 of {len(t_ns)} within {span}, {cause}")
     if inside < 0.5 * len(t_ns):
@@ -394,9 +401,9 @@ def _check_span(path: str | Path, t_ns: NDArray[np.int64], unit: str, span_ns: t
 
 def _unit_by_duration(t_ns: NDArray[np.int64], unit: str, span_ns: tuple[int, int]) -> str:
     """The unit with which stamps last about as long as the recording; the given one if it does so, or none does."""
-    share = {other: float(t_ns[-1] - t_ns[0]) * UNITS[other] / UNITS[unit] for other in (unit, *UNITS)}
-    wanted = span_ns[1] - span_ns[0]
-    return next((other for other, lasts in share.items() if 0.5 * wanted < lasts < 1.5 * wanted), unit)
+    durations_ns = {each: float(t_ns[-1] - t_ns[0]) * UNITS[each] / UNITS[unit] for each in (unit, *UNITS)}
+    recorded_ns = span_ns[1] - span_ns[0]
+    return next((u for u, lasts in durations_ns.items() if 0.5 * recorded_ns < lasts < 1.5 * recorded_ns), unit)
 
 
 def _span_text(first_ns: int, last_ns: int) -> str:

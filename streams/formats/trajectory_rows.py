@@ -27,7 +27,9 @@ TUM = "t x y z qx qy qz qw"
 _FEWEST_NAMES = 7
 """Names that a header of poses has at least."""
 _NANOSECOND_DIGITS = 9
+"""Digits of the nanoseconds within a second."""
 _DECIMAL_COMMA = re.compile(r"\d,\d")
+"""A comma between digits, as in `1,5`."""
 _OTHER_FILES = (
     (
         re.compile(r"POINTS2D\[\]|IMAGE_ID,\s*QW"),

@@ -72,8 +72,8 @@ def _read_pairs(file: Path, path: Path, notes: Notes, per_metre: float) -> dict[
     """
     _, rows = read_text_rows(file, None)
     if not rows or len(rows[0].cells) != 4:
-        seen = rows[0].text[:80] if rows else ""
-        raise ConfigError(file, "line 1", seen, "a stamp and a file of colour, and a stamp and a file of depth")
+        text = rows[0].text[:80] if rows else ""
+        raise ConfigError(file, "line 1", text, "a stamp and a file of colour, and a stamp and a file of depth")
     places = {DEPTH: 0, COLOR: 2} if "depth" in rows[0].cells[1].lower() else {COLOR: 0, DEPTH: 2}
     notes.warn(f"{file.name}: the images are those of its pairs")
     return {
@@ -160,10 +160,11 @@ def _read_rig(path: Path, images: dict[str, ImageStream], notes: Notes) -> Rig:
         ConfigError: The file has other contents than fx fy cx cy, or a row of these for each image.
     """
     file = path / "calibration.txt"
-    other = next((name for name in _OTHER_CALIBRATIONS if (path / name).is_file()), None)
-    if not file.is_file() and other is not None and not (path / RIG_NAME).is_file():
+    other_file = next((name for name in _OTHER_CALIBRATIONS if (path / name).is_file()), None)
+    if not file.is_file() and other_file is not None and not (path / RIG_NAME).is_file():
         notes.warn(
-            f"{other} is not read: calibration.txt with fx fy cx cy in pixels, or a file for --rig, gives the camera"
+            f"{other_file} is not read: calibration.txt with fx fy cx cy in pixels, or a file for --rig, gives the "
+            "camera"
         )
     topic = COLOR if COLOR in images else DEPTH
     if not file.is_file() or topic not in images or (size := read_first_image_size(images[topic])) is None:
