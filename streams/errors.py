@@ -14,7 +14,7 @@ _LONGEST_SHOWN = 400
 _MOST_LINES = 30
 """Most errors of one file in a message."""
 _MARKS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
-"""Characters that break a line, that a terminal obeys, or that cannot be printed; tabs and line feeds are left alone."""
+"""Characters that break a line, that a terminal obeys, or that cannot be printed; tabs and line feeds stay."""
 _LONGEST_LINE, _KEPT_END = 3000, 800
 """Most characters of a line of a message, and how many of its end are kept where it is longer: what is expected."""
 

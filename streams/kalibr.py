@@ -361,20 +361,13 @@ def _to_rig(converted: Converted, source: str, *, warn: Warn | None = None, is_c
         imus = _index_by_topic(
             source, [_to_imu(name, getattr(calibration, name), getattr(extras, name, None)) for name in imu_names]
         )
-        cameras: list[CameraCalibration] = []
+        cameras = _to_cameras({name: getattr(calibration, name) for name in cams}, extras, imus, source, warn)
         errors: list[StrideTwinError] = []
-        previous: Array | None = None  # T_cam_imu of the camera before, which the next one may refer to
-        for name in cams:
-            camera = getattr(calibration, name)
-            previous = _chain_T_cam_imu(name, camera, previous, source)
-            if previous is None and imus and extras is None and warn is not None:
-                warn(f"{source}: {name}: no transform to the IMU, such as T_cam_imu: a known mount is kept, else none")
-            lens = _to_lens(name, camera, source, warn)
-            cameras.append(_to_camera(name, camera, lens, getattr(extras, name, None), previous, imus, source))
-            if is_checked:
-                transforms = {key: T for key in TRANSFORMS if (T := getattr(camera, key)) is not None}
-                errors += check_camera(source, name, cameras[-1], transforms)
         if is_checked:
+            for name, camera in zip(cams, cameras, strict=True):
+                section = getattr(calibration, name)
+                transforms = {key: T for key in TRANSFORMS if (T := getattr(section, key)) is not None}
+                errors += check_camera(source, name, camera, transforms)
             errors += [
                 e for name, imu in zip(imu_names, imus.values(), strict=True) for e in check_imu(source, name, imu)
             ]
@@ -389,6 +382,36 @@ def _to_rig(converted: Converted, source: str, *, warn: Warn | None = None, is_c
                 source, [OtherSensor(**_to_rig_fields(s)) for s in extras.sensors] if extras else []
             ),
         )
+
+
+def _to_cameras(
+    sections: Mapping[str, CameraSection],
+    extras: BaseModel | None,
+    imus: Mapping[str, ImuCalibration],
+    source: str,
+    warn: Warn | None,
+) -> list[CameraCalibration]:
+    """The calibrations of a chain of cameras, each of which may refer to the one before it.
+
+    Args:
+        sections: Their sections by name, in the order of their numbers.
+        extras: Our own section; None in a plain Kalibr file.
+        imus: IMUs by topic.
+        source: Names the file in errors.
+        warn: Receives what is approximated, and cameras without a transform to the IMU; None drops it.
+
+    Raises:
+        ConfigError: A value of a section contradicts another one.
+    """
+    cameras: list[CameraCalibration] = []
+    T_cam_imu: Array | None = None
+    for name, section in sections.items():
+        T_cam_imu = _chain_T_cam_imu(name, section, T_cam_imu, source)
+        if T_cam_imu is None and imus and extras is None and warn is not None:
+            warn(f"{source}: {name}: no transform to the IMU, such as T_cam_imu: a known mount is kept, else none")
+        lens = _to_lens(name, section, source, warn)
+        cameras.append(_to_camera(name, section, lens, getattr(extras, name, None), T_cam_imu, imus, source))
+    return cameras
 
 
 def _check_mounts(
@@ -539,8 +562,8 @@ def _to_camera(
         more = {"part": "", "rate_hz": 0.0, "imu_topic": next(iter(imus), ""), "readout_s": readout_s}
     else:
         if extras.imu_topic and extras.imu_topic not in imus:
-            wanted = f"'' or one of {', '.join(imus) or 'no IMU at all'}"
-            raise ConfigError(source, f"{OURS}.{name}.imu_topic", extras.imu_topic, wanted)
+            valid = f"'' or one of {', '.join(imus) or 'no IMU at all'}"
+            raise ConfigError(source, f"{OURS}.{name}.imu_topic", extras.imu_topic, valid)
         mount = _to_camera_mount(name, camera, extras, T_cam_imu, imus.get(extras.imu_topic), source)
         more = {key: value for key, value in dict(extras).items() if key != "mount"}
     return CameraCalibration(

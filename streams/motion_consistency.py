@@ -300,8 +300,8 @@ def sum_forces(spans: Spans, matrices: Array, biases: Array) -> Array:
 def _measure_without_bias(spans: Spans, matrix: Array) -> Array:
     """Deviations of the speed (K,) in each span, m/s, with the bias that leaves the least.
 
-    The bias is estimated by least squares, in which a span counts the less the more its speed deviates, with a usual bias
-    as the prior.
+    The bias is estimated by least squares with a usual bias as the prior; a span counts the less the more its speed
+    deviates.
 
     Args:
         spans: K spans.

@@ -167,17 +167,17 @@ def _choose_lens(lenses: list[_Intrinsic], source: str, sizes: Collection[tuple[
         by_stream.setdefault(lens.stream, []).append(lens)
     stream = next((name for name in _CHOICE if name in by_stream), next(iter(by_stream), ""))
     candidates = by_stream.get(stream, [])
-    wanted = [list(size) for size in sizes]
-    fitting = [lens for lens in candidates if lens.section["resolution"] in wanted] or candidates
+    image_sizes = [list(size) for size in sizes]
+    fitting = [lens for lens in candidates if lens.section["resolution"] in image_sizes] or candidates
     resolutions = {str(lens.section["resolution"]) for lens in fitting}
     if not fitting:
         raise ConfigError(
             source, "", "no intrinsics", "the intrinsics of a camera, as rs-enumerate-devices -c prints them"
         )
     if len(resolutions) > 1:
-        seen = ", ".join("{} x {}".format(*lens.section["resolution"]) for lens in fitting)  # type: ignore[misc]
+        text = ", ".join("{} x {}".format(*lens.section["resolution"]) for lens in fitting)  # type: ignore[misc]
         images = f", that of the images ({', '.join(f'{w} x {h}' for w, h in sizes)})" if sizes else ""
-        raise ConfigError(source, f"intrinsics of {stream}", seen, f"one resolution{images}; delete the others")
+        raise ConfigError(source, f"intrinsics of {stream}", text, f"one resolution{images}; delete the others")
     return fitting[0]
 
 

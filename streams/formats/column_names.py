@@ -76,11 +76,11 @@ _OTHER_QUANTITY = re.compile(
     r"|dv|dq|temp\w*|roll|pitch|yaw|bearing|rotation_vector|highg|high_g|norm|abs\w*|mag|sd|err\w*|jerk"
     r"|world|global|earth|velinc|oriinc|schwerkraft|erdbeschleunigung)(?:_|$)|free_?acc|^user|user_?acc|ang(?:ular)?_?acc"
 )
-"""What the names of columns that are neither forces nor rates of a sensor contain."""
+"""What names of columns that are neither forces nor rates of a sensor contain, as `mag_x`, `roll` and `acc_norm`."""
 _WITHOUT_GRAVITY = re.compile(r"(?:^|_)(?:linear\w*|lin)(?:_|$)|linear_?acc|lin_?acc")
 """Words of forces that are without gravity but in ROS, as `linear_acceleration_x`."""
 _FREE = re.compile(r"free|user|linear|(?:^|_)lin(?:_|$)")
-"""What the names of forces contain from which gravity was taken out."""
+"""What names of forces without gravity contain, as `FreeAcc_X` and `userAcceleration.x`."""
 _RAW = re.compile(r"(?:^|_)(?:raw|uncal[a-z]*|filtered|filt|filter|smooth[a-z]*)(?=_|$)")
 """Words of numbers that are raw or filtered, as in `acc_raw_x` and `gyro_uncalibrated_x`."""
 _FILLERS = re.compile(

@@ -28,7 +28,7 @@ _SENSOR_NAME = re.compile(
     r"(?:.*_)?(?:sensor|device|imu|segment|location|placement|position|side|foot|limb|body_?part|node|mac|address|tag"
     r"|serial|serial_number|stream)(?:_?(?:id|name|type|label|address|no|nr|number|index))?"
 )
-"""Names of columns that name the sensor of a row."""
+"""Names of columns that name the sensor of a row, as `sensor_id`, `placement` and `device_name`."""
 _TYPE_NAME = re.compile(r"(?:.*_)?type(?:_.*)?")
 """Names of columns that tell the type of a sensor or of a reading, as `type` and `sensor_type`."""
 _QUANTITY_NAME = re.compile(
@@ -46,7 +46,7 @@ _VALUE_FORMS = tuple(
     for axes in (AXES, "012", "123")
     if form != "{}" or axes == AXES
 )
-"""Names of three columns of values, as `_find_values` looks for them."""
+"""Names of three columns of values, as (`value_x`, `value_y`, `value_z`) and (`v1`, `v2`, `v3`), the likely first."""
 
 
 @dataclass(frozen=True, kw_only=True)
