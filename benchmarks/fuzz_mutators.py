@@ -168,7 +168,15 @@ def _mutate_name(name: str, rng: random.Random, vocabulary: Sequence[str]) -> st
 def _mutate_contents(
     name: str, data: bytes, rng: random.Random, vocabulary: Sequence[str], change_bytes: ChangeBytes
 ) -> bytes:
-    """A file's contents with one change that fits its kind; one in ten changes of any kind is of plain bytes."""
+    """A file's contents with one change that fits its kind; one in ten changes of any kind is of plain bytes.
+
+    Args:
+        name: Name of the file, whose ending tells its kind.
+        data: Its contents.
+        rng: Draws the change.
+        vocabulary: Keys and words of headers.
+        change_bytes: Changes bytes of unknown meaning.
+    """
     suffix = name.rpartition(".")[2].lower()
     by_suffix: dict[str, Callable[[bytes, random.Random, ChangeBytes], bytes]] = {
         "mcap": _mutate_mcap,
@@ -235,7 +243,15 @@ def _mutate_text(text: str, rng: random.Random, vocabulary: Sequence[str]) -> st
 
 
 def _change_column(lines: list[str], separator: str, column: int, rng: random.Random, word: str) -> None:
-    """Drops, doubles, fills or scales one cell of every line, in place."""
+    """Drops, doubles, fills or scales one cell of every line, in place.
+
+    Args:
+        lines: The lines.
+        separator: Between their cells.
+        column: Index of the cell.
+        rng: Draws the change.
+        word: With which the cells are filled.
+    """
     way, factor = rng.randrange(4), rng.choice((0.0, -1.0, 1e-9, 1e3, 1e9, 1e300))
     for i, line in enumerate(lines):
         cells = line.split(separator)

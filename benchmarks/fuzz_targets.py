@@ -80,7 +80,11 @@ def open_recording(source: Path, members: Members) -> list[str]:
 
 
 def _read_request(members: Members) -> TableRequest:
-    """The options `--columns` and `--rate` of an input."""
+    """The options `--columns` and `--rate` of an input.
+
+    Raises:
+        ConfigError: An option is invalid, as the command line refuses it.
+    """
     columns = members.get("--columns", b"").decode(errors="replace")
     try:
         rate_hz = float(members["--rate"]) if "--rate" in members else None

@@ -110,7 +110,14 @@ def _read_state(file: Path) -> dict[str, Any]:
 
 
 def _save_crash(name: str, folder: Path, place: Path, log: str) -> None:
-    """Saves the input of a process that crashed, and the end of its log."""
+    """Saves the input of a process that crashed, and the end of its log.
+
+    Args:
+        name: The target.
+        folder: Of the process, with the input in `current`.
+        place: Folder to write.
+        log: What the process has printed.
+    """
     place.mkdir(parents=True, exist_ok=True)
     (place / "finding.txt").write_text(f"crash of {name}\n{log[-6000:]}\n")
     if (folder / "current").is_file():

@@ -124,7 +124,16 @@ def check_mount(source: str, path: str, mount: Mount) -> Iterator[ConfigError]:
 def _check_distance(
     source: str, path: str, T: Array, farthest_m: float, what: str, whence: str
 ) -> Iterator[ConfigError]:
-    """Yields an error if the translation of T (4, 4) is longer than `farthest_m`."""
+    """Yields an error if the translation of T (4, 4) is longer than `farthest_m`.
+
+    Args:
+        source: Names the file.
+        path: Key path of the transform.
+        T: (4, 4), m.
+        farthest_m: Largest plausible distance.
+        what: The sensor, for the message.
+        whence: From what the distance is, for the message.
+    """
     distance = float(np.linalg.norm(T[:3, 3]))
     if distance > farthest_m:
         shown = [float(f"{value:.6g}") for value in T[:3, 3]]

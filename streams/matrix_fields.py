@@ -11,7 +11,11 @@ from stridetwin.streams.samples import Array
 
 
 def _to_rotation(rows: Any) -> Array:
-    """The (3, 3) array of three rows in a file, or an error if it is no rotation."""
+    """The (3, 3) array of three rows in a file.
+
+    Raises:
+        PydanticCustomError: It is no rotation.
+    """
     R = np.array(rows)
     if not _is_rotation(R):
         raise field_error(R.tolist(), "a rotation matrix")
@@ -19,9 +23,10 @@ def _to_rotation(rows: Any) -> Array:
 
 
 def _to_rigid_transform(rows: Any) -> Array:
-    """The (4, 4) array of four rows in a file, or an error if it is no rigid transform.
+    """The (4, 4) array of four rows in a file; a rotation whose numbers were rounded is replaced by the nearest one.
 
-    A rotation whose numbers were rounded is replaced by the nearest one.
+    Raises:
+        PydanticCustomError: It is no rigid transform; the message says why.
     """
     T = np.array(rows, float)
     with np.errstate(all="ignore"):  # numbers of any size

@@ -236,7 +236,14 @@ def _turns_at_rest(t: Array, rate: Array, spans: list[tuple[int, int]]) -> bool:
 
 
 def _cut_movements(t: Array, force: Array, rate: Array, spans: list[tuple[int, int]]) -> _Movements:
-    """Cuts the movements out of forces and rates (N, 3) at times (N,), by their first and last rows."""
+    """Cuts the movements out of a recording, in even steps of about 10 ms.
+
+    Args:
+        t: (N,) s.
+        force: (N, 3) m/s².
+        rate: (N, 3) rad/s.
+        spans: First and last rows of S movements.
+    """
     counts = [max(1, round((t[last] - t[first]) / _STEP_S)) for first, last in spans]
     shape = (max(counts), len(spans))
     rates, forces, steps, up = np.zeros((*shape, 3)), np.zeros((*shape, 3)), np.zeros(shape), np.zeros((len(spans), 3))

@@ -222,7 +222,17 @@ def scale_intrinsics(walk: Walk, rng: np.random.Generator) -> tuple[Walk, str]:
 
 
 def draw_bursts(count: int, share: float, longest: int, rng: np.random.Generator) -> Mask:
-    """Whether each of `count` rows is in a burst: bursts of up to `longest` rows that are about a share of all."""
+    """Bursts of rows.
+
+    Args:
+        count: N.
+        share: Share of the rows that are in a burst, about.
+        longest: Most rows of a burst; those of two bursts may touch.
+        rng: Draws the bursts.
+
+    Returns:
+        (N,) whether a row is in a burst; never the first and the last one.
+    """
     is_in: Mask = np.zeros(count, bool)
     while is_in.mean() < share:
         first = int(rng.integers(1, count - 1))

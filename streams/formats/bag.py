@@ -357,7 +357,14 @@ def _list_frames(payloads: Sequence[bytes]) -> list[str]:
 
 
 def _replace_constant(topic: str, t_ns: Stamps, log_times: Sequence[int], notes: Notes) -> Stamps:
-    """Stamps (N,) ns, or the log times if a driver has given all messages the same stamp, which is reported."""
+    """Stamps (N,) ns, or the log times if a driver has given all messages the same stamp, which is reported.
+
+    Args:
+        topic: Named by the report.
+        t_ns: (N,) stamps of the headers.
+        log_times: N times of arrival, ns.
+        notes: Collects the report.
+    """
     if len(t_ns) > 2 and len(t_ns) == len(log_times) and (t_ns == t_ns[0]).all() and log_times[0] < log_times[-1]:
         notes.warn(f"{topic}: all stamps are {t_ns[0] * 1e-9:.3f} s: the times at which the messages arrived are taken")
         return np.array(log_times, np.int64)

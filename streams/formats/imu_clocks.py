@@ -277,7 +277,14 @@ def _find_name(names: Sequence[str], wanted: str) -> int | None:
 
 
 def _split_clock_numbers(path: Path, name: str, stamps: Array, notes: Notes) -> Array:
-    """Stamps (N,) as they are, or seconds of the day of those that are times as numbers, as `115959.99` of a GPS."""
+    """Stamps (N,) as they are, or seconds of the day of those that are times as numbers, as `115959.99` of a GPS.
+
+    Args:
+        path: Named by the report.
+        name: Name of the column.
+        stamps: (N,) its numbers.
+        notes: Collects the report.
+    """
     steps = np.diff(stamps)
     if len(steps) < _FEWEST_STEPS or not (np.all(steps >= 0) and stamps[0] >= 0 and stamps[-1] < _LAST_CLOCK):
         return stamps

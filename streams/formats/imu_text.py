@@ -253,7 +253,11 @@ def _turn_force(signal: imu_columns.Signal) -> imu_columns.Signal:
 
 
 def _check_width(path: Path, head: TableHead) -> None:
-    """Refuses a table whose rows have more cells than names, as where commas separate cells and decimals."""
+    """Refuses a table whose rows have more cells than names, as where commas separate cells and decimals.
+
+    Raises:
+        ConfigError: All rows of the sample have more cells than there are names.
+    """
     widths = [len(row) - _count_empty_at_end(row) for row in head.sample if row]
     if widths and min(widths) > len(head.names):
         valid = (
@@ -270,7 +274,14 @@ def _count_empty_at_end(row: Sequence[str]) -> int:
 
 
 def _report_dialect(path: Path, head: TableHead, columns: imu_columns.Columns, notes: Notes) -> None:
-    """Reports units that are assumed by the form of the table alone, as no line of it gives them."""
+    """Reports units that are assumed by the form of the table alone, as no line of it gives them.
+
+    Args:
+        path: Named by the report.
+        head: Head of the table.
+        columns: Its columns.
+        notes: Collects the report.
+    """
     named = imu_columns.parse_header(head.names, head.units)
     rate_hz = preamble_rate(head.preamble)
     lacks = any(not named[signal.at[0]].unit for signal in columns.signals)
@@ -452,7 +463,14 @@ def _read_own_times(
 
 
 def _report_unused(path: Path, head: TableHead, used: Sequence[int], notes: Notes) -> None:
-    """Names the columns that are neither stamps nor forces nor rates, as a misspelled one would be among them."""
+    """Names the columns that are neither stamps nor forces nor rates, as a misspelled one would be among them.
+
+    Args:
+        path: Named by the report.
+        head: Head of the table.
+        used: Indices of the columns that are used.
+        notes: Collects the report.
+    """
     names = [
         name
         for at, name in enumerate(head.names)

@@ -394,7 +394,17 @@ def _find_stridetwin_file(path: Path, is_plain: bool) -> Path | None:
 
 
 def _read_bag(path: Path, kind: str, notes: Notes, per_metre: float | None) -> Source:
-    """Reads an MCAP file, a ROS 1 bag, or a ROS 2 bag of MCAP or SQLite files, whose tables are checked first."""
+    """Reads an MCAP file, a ROS 1 bag, or a ROS 2 bag of MCAP or SQLite files, whose tables are checked first.
+
+    Args:
+        path: File or folder.
+        kind: `mcap`, `rosbag1` or `rosbag2`.
+        notes: Collects problems and assumptions.
+        per_metre: Units of depth images per metre; None for those of the messages.
+
+    Raises:
+        StrideTwinError: The bag cannot be read, or has no readable sample.
+    """
     if kind == "mcap":
         return read_bag(McapBag([path], notes), kind, notes, per_metre)
     if kind == "rosbag1":

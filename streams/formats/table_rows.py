@@ -79,7 +79,11 @@ class RowReader:
         return [self._read_cell(cells, k, decimal) for k in range(len(self.wanted))]
 
     def _read_cell(self, cells: Sequence[str], place: int, decimal: str) -> float:
-        """The number in the cell at a place of `wanted`, as `read` gives it."""
+        """The number in the cell at a place of `wanted`, as `read` gives it.
+
+        Raises:
+            _CellError: It is missing, or has something else.
+        """
         at = self.wanted[place]
         text = cells[at].strip() if at < len(cells) else None
         try:
