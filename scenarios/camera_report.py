@@ -23,11 +23,11 @@ def report_cameras(recording: Recording, topics: Collection[str], *, lenient: bo
 
     Args:
         recording: The recording; nothing happens for one of the twin.
-        topics: Streams that will be used; other cameras are left out.
+        topics: Topics that will be used; cameras of which neither images nor depth are among them are left out.
         lenient: Errors that spoil an estimate are warnings, too.
 
     Returns:
-        The warnings.
+        The warnings, one sentence each, with the topic of the camera.
 
     Raises:
         RecordingError: Camera and IMU contradict by more than an odometry can mend, unless lenient.
