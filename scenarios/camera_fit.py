@@ -24,13 +24,12 @@ from stridetwin.scenarios.camera_focal import FOCAL_OFF, FocalMultiple, estimate
 from stridetwin.scenarios.camera_lever import LEVER_OFF_M, LeverArm, estimate_lever
 from stridetwin.scenarios.camera_motion import build_parts, prepare_parts
 from stridetwin.scenarios.image_rotation import PairTracks, estimate_rates, track_segment
+from stridetwin.streams.recording.imported import IMPORTED_FROM
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array, Block, Imu
 
-IMPORTED_FROM = "imported_from"
-"""Entry of the metadata of every recording that is another tool's, also after `import`."""
-IMAGES, BATCH, MOST_SEGMENTS = 45, 3, 12
+_SEGMENT_IMAGES, _BATCH, _MOST_SEGMENTS = 45, 3, 12
 """Images of a segment, segments that are read at a time, and most segments of one recording."""
 QUICK_SEGMENTS = 6
 """Most segments of the quick look that precedes an estimate. Where the head turns, the first batch is enough, which is
@@ -168,7 +167,7 @@ class CameraFit:
 
 
 def fit_camera(
-    recording: Recording, camera: CameraCalibration, imu: Block[Imu], most_segments: int = MOST_SEGMENTS
+    recording: Recording, camera: CameraCalibration, imu: Block[Imu], most_segments: int = _MOST_SEGMENTS
 ) -> CameraFit:
     """Compares a camera with the IMU on its body.
 
@@ -191,9 +190,11 @@ def fit_camera(
     starts = _sort_segments(images + round(camera.timeshift_cam_imu_s * 1e9), gyro)[:most_segments]
     comparison = _Comparison(camera=camera, T_imu_cam=T_imu_cam, imu=imu, gyro=gyro)
     segments = list[list[PairTracks]]()
-    for start in range(0, len(starts), BATCH):
-        segments += [track_segment(recording, camera, first, IMAGES) for first in starts[start : start + BATCH]]
-        clock, focal = comparison.find_clock_and_focal(segments, tries_other_lenses=start + BATCH >= len(starts))
+    for start in range(0, len(starts), _BATCH):
+        segments += [
+            track_segment(recording, camera, first, _SEGMENT_IMAGES) for first in starts[start : start + _BATCH]
+        ]
+        clock, focal = comparison.find_clock_and_focal(segments, tries_other_lenses=start + _BATCH >= len(starts))
         is_clear = clock is not None and abs(abs(clock.unexplained_s) - CLOCK_OFFSET_S) > clock.half_s
         if is_clear and focal is not None and focal.is_certain:
             break
@@ -335,12 +336,12 @@ def _sort_segments(images: NDArray[np.int64], gyro: GyroRates) -> list[int]:
         gyro: Rates of the gyro.
     """
     # segments that a further image follows; the rest at the end is left out, unless it is the only one
-    starts = range(0, max(1, len(images) - IMAGES), IMAGES)
+    starts = range(0, max(1, len(images) - _SEGMENT_IMAGES), _SEGMENT_IMAGES)
     spread: list[float] = []
     for start in starts:
-        first, last = images[start], images[min(start + IMAGES, len(images) - 1)]
+        first, last = images[start], images[min(start + _SEGMENT_IMAGES, len(images) - 1)]
         segment_rate = gyro.rate[(gyro.t_ns >= first) & (gyro.t_ns <= last)]
         spread.append(float(segment_rate.std(axis=0).sum()) if len(segment_rate) > 1 else 0.0)
     if not any(spread):
-        return sorted(starts, key=lambda first: first / IMAGES * _GOLDEN % 1)
+        return sorted(starts, key=lambda first: first / _SEGMENT_IMAGES * _GOLDEN % 1)
     return [starts[int(i)] for i in np.argsort(spread, kind="stable")[::-1]]

@@ -9,9 +9,10 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 
 from stridetwin.scenarios.camera_clock import moving_board
-from stridetwin.scenarios.camera_fit import IMPORTED_FROM, QUICK_SEGMENTS, fit_camera
+from stridetwin.scenarios.camera_fit import QUICK_SEGMENTS, fit_camera
 from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.formats.opening import print_warnings
+from stridetwin.streams.recording.imported import IMPORTED_FROM
 from stridetwin.streams.recording.index import LENIENT
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import CameraCalibration

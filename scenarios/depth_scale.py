@@ -38,6 +38,7 @@ from stridetwin.streams.depth_planes import (
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.plausible import DEPTH_UNITS, Implausible, force_at_rest, name_depth_option
+from stridetwin.streams.recording.imported import IMPORTED_FROM
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array, Block, Depth, Image, Imu, Odometry, Sample
@@ -331,7 +332,7 @@ def _has_images(recording: Recording, camera: CameraCalibration) -> bool:
 def _find_input_poses(recording: Recording, camera: CameraCalibration) -> str | None:
     """Topic of poses of the camera that are an input, not the truth: of a device, or of the layout of 7-Scenes."""
     topics = [f"{camera.topic}/odometry"]
-    if recording.metadata.get("imported_from") == _INPUT_POSES:
+    if recording.metadata.get(IMPORTED_FROM) == _INPUT_POSES:
         topics.append(f"/truth{camera.topic}/odometry")
     return next((t for t in topics if t in recording.topics and recording.topics[t].kind is Odometry), None)
 

@@ -182,18 +182,17 @@ def fit_motion_scale(runs: Sequence[Run]) -> MotionScale | None:
     moving = [run for run in runs if np.sqrt(np.mean(np.sum(run.reference_m**2, axis=1))) > _LEAST_MOTION_M]
     if len(moving) < _FEWEST_RUNS:
         return None
-    # (R, 5, 5) each: all axes, and those across the optical axis
+    # (R, 5, 5) sums of products over each run: of all axes, and of those across the optical axis
     all_axes = np.array([_multiply_columns(run.seen_m, run.reference_m, run.lever) for run in moving])
     across = np.array([_multiply_columns(r.seen_m[:, :2], r.reference_m[:, :2], r.lever[:, :2]) for r in moving])
     weights = _weigh(moving, all_axes)[:, None, None]
     products = np.sum(weights * all_axes, axis=0)
-    parts = np.stack(
-        (weights * (all_axes - across), weights * across), axis=1
-    )  # (R, 2, 5, 5) along the axis, across it
+    # (R, 2, 5, 5) those along the optical axis, and those across it
+    parts = np.stack((weights * (all_axes - across), weights * across), axis=1)
     return MotionScale(
-        path=jackknife(weights * all_axes, _scale_log),
-        sideways=jackknife(weights * across, _scale_log),
-        focal=jackknife(parts, lambda sums: _scale_log(sums[0]) - _scale_log(sums[1])),
+        path=jackknife(weights * all_axes, _solve_scale_log),
+        sideways=jackknife(weights * across, _solve_scale_log),
+        focal=jackknife(parts, lambda sums: _solve_scale_log(sums[0]) - _solve_scale_log(sums[1])),
         correlation=float(products[0, 4] / math.sqrt(products[0, 0] * products[4, 4] + 1e-30)),
         runs=len(moving),
     )
@@ -204,11 +203,11 @@ def _weigh(runs: Sequence[Run], equations: Array) -> Array:
 
     Args:
         runs: The runs.
-        equations: (R, 5, 5) of their paths, see `_scale_log`.
+        equations: (R, 5, 5) of their paths, see `_solve_scale_log`.
     """
     weights = np.ones(len(runs))
     for _ in range(_WEIGHT_ROUNDS):
-        scale_log = _scale_log(np.tensordot(weights, equations, axes=1))
+        scale_log = _solve_scale_log(np.tensordot(weights, equations, axes=1))
         if math.isnan(scale_log):
             return np.ones(len(runs))
         scale = math.exp(scale_log)
@@ -219,7 +218,7 @@ def _weigh(runs: Sequence[Run], equations: Array) -> Array:
     return weights
 
 
-def _scale_log(equations: Array) -> float:
+def _solve_scale_log(equations: Array) -> float:
     """Logarithm of the length of the camera's path over that of the reference; NaN if the camera does not follow it.
 
     Args:

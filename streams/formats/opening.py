@@ -29,7 +29,7 @@ from stridetwin.streams.formats.imu_unmeasured import leave_out_unmeasured
 from stridetwin.streams.formats.unknown_folder import VIDEO, describe_parent, describe_unknown
 from stridetwin.streams.kalibr import read_rig
 from stridetwin.streams.plausible import DEPTH_UNITS, IMAGE_RATES_HZ, find_implausible_rates, find_implausible_values
-from stridetwin.streams.recording.imported import ImageStream, ImportedContents, Source
+from stridetwin.streams.recording.imported import IMPORTED_FROM, ImageStream, ImportedContents, Source
 from stridetwin.streams.recording.index import Notes, Problem, is_stridetwin_recording, read_calibration
 from stridetwin.streams.recording.mcap_writer import MAGIC
 from stridetwin.streams.recording.reader import Recording
@@ -217,7 +217,7 @@ def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | N
     if own_file is not None and is_plain:
         return Recording(own_file, lenient)
     notes = Notes(path, lenient)
-    metadata = {"imported_from": kind, "source": path.name}
+    metadata = {IMPORTED_FROM: kind, "source": path.name}
     if (per_metre := _units_per_metre(kind, options)) is not None:
         metadata[DEPTH_UNITS] = f"{per_metre:g}"
     try:
