@@ -21,8 +21,10 @@ from numpy.typing import NDArray
 
 from stridetwin.scenarios.clock_search import find_shifts
 from stridetwin.scenarios.image_rotation import Rates
+from stridetwin.scenarios.intervals import student_quantile
 from stridetwin.streams.rig import Board, CameraCalibration, Rig
 from stridetwin.streams.samples import Array, Block, Imu
+from stridetwin.streams.time_series import accumulate, interpolate
 
 LARGEST_SHIFT_S = 0.15
 """Shifts are tried up to this far on both sides of the calibrated one."""
@@ -45,7 +47,6 @@ _MEDIAN_OF_SQUARED_NORMAL = 0.455  # of a standard normal variable
 _BETTER = 1.5  # ratio of costs from which another mount counts
 _AS_GOOD = 1.3  # ratio of costs up to which a usual mistake of the mount is as good as the best rotation
 _ROUNDS, _PRIOR_SHARE = 3, 0.001  # of the mount's alignment, and weight of the nominal mount in it
-_NORMAL_975 = 1.959964  # quantile of the standard normal distribution
 _SHOES = ("foot_l", "foot_r")  # bodies
 
 
@@ -380,11 +381,10 @@ def _gyro_rates(spans: NDArray[np.int64], shifts: Array, t_ns: NDArray[np.int64]
         rate: (M, 3) rates of the gyro, rad/s.
     """
     t = (t_ns - t_ns[0]) * 1e-9  # (M,) s
-    # (M, 3) rad, integral of the rates
-    angle = np.vstack((np.zeros(3), np.cumsum(rate[1:] * np.diff(t)[:, None], axis=0)))
+    angle = accumulate(np.diff(t), rate[1:])  # (M, 3) rad, integral of the rates
     at = (spans - t_ns[0]) * 1e-9 + shifts[:, None, None]  # (S, N, 2) s, ends of the intervals by the gyro's clock
     # (S, N, 2, 3) integral at the start and the end of each interval
-    ends = np.stack([np.interp(at, t, angle[:, k]) for k in range(3)], axis=-1)
+    ends = interpolate(at, t, angle)
     # the mean rate over an interval is the change of the integral, divided by the duration
     return np.asarray((ends[:, :, 1] - ends[:, :, 0]) / (at[:, :, 1] - at[:, :, 0])[..., None])
 
@@ -481,20 +481,6 @@ def _are_significantly_worse(additional: Array) -> NDArray[np.bool_]:
     # (S,) standard error of the mean
     error = additional.std(axis=0, ddof=1) / math.sqrt(len(additional))
     return np.asarray(additional.mean(axis=0) > student_quantile(len(additional) - 1) * error)
-
-
-def student_quantile(freedom: int) -> float:
-    """The 97.5 % quantile of Student's distribution (Abramowitz and Stegun 1972, 26.7.5).
-
-    From 5 degrees of freedom on it is accurate to 0.1 %.
-    """
-    z, n = _NORMAL_975, float(freedom)
-    return (
-        z
-        + (z**3 + z) / (4 * n)
-        + (5 * z**5 + 16 * z**3 + 3 * z) / (96 * n**2)
-        + (3 * z**7 + 19 * z**5 + 17 * z**3 - 15 * z) / (384 * n**3)
-    )
 
 
 def _parabola_minimum(shifts: Array, cost: Array) -> float:

@@ -9,26 +9,28 @@ from __future__ import annotations
 
 import numpy as np
 
-from stridetwin.scenarios.image_rotation import Tracks, find_rays
+from stridetwin.scenarios.image_rotation import PairTracks
+from stridetwin.streams.rays import find_rays
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array
 
 _NOISE_PX, _WORST_PX = 0.25, 1.0  # of tracked pixels: noise of a feature, and the distance from which it hardly counts
-_ROUNDS = 4
-_AHEAD = np.array([0.0, 0.0, 1.0])
+_ROUNDS = 4  # of reweighted least squares
+_AHEAD = np.array([0.0, 0.0, 1.0])  # direction of the line of sight, one of the starts
 
 
-def find_epipolar_cost(camera: CameraCalibration, tracks: Tracks, R: Array, before: Array) -> tuple[float, Array]:
+def find_epipolar_cost(camera: CameraCalibration, tracks: PairTracks, R: Array, before: Array) -> tuple[float, Array]:
     """What the features of a pair of images leave over with the best direction of the translation.
 
     Args:
         camera: Calibration of the lens.
         tracks: The features.
         R: (3, 3) rotation of points from the first image to the second.
-        before: (3,) direction of the translation of the pair before, another start.
+        before: (3,) direction of the translation of the pair before, another start of the search.
 
     Returns:
-        Sum of the squared distances from the epipolar lines in units of the noise, each limited; the direction (3,).
+        Sum of the squared distances from the epipolar lines in units of the noise, each limited; and the direction (3,)
+        of the translation, a unit vector of either sign in the camera's axes at the second image.
     """
     x, y = (
         np.column_stack((find_rays(pixels, camera), np.ones(len(pixels)))) for pixels in (tracks.before, tracks.after)
@@ -41,12 +43,12 @@ def find_epipolar_cost(camera: CameraCalibration, tracks: Tracks, R: Array, befo
 
 
 def _refine(turned: Array, normals: Array, scale: float, start: Array) -> tuple[float, Array]:
-    """Cost and direction (3,) of the translation after some rounds of reweighted least squares.
+    """Cost and direction (3,) of the translation, as `find_epipolar_cost` gives them, from one start.
 
     Args:
         turned: (N, 3) rays of the first image in the axes of the second.
         normals: (N, 3) cross products of these with the rays of the second image.
-        scale: Units of noise of a distance of 1 in normalised coordinates.
+        scale: A distance of 1 in normalised coordinates, in units of the noise.
         start: (3,) first direction.
     """
     most = (_WORST_PX / _NOISE_PX) ** 2

@@ -20,17 +20,16 @@ from stridetwin.scenarios.camera_clock import (
     estimate_clock,
     exchange_axes,
 )
-from stridetwin.scenarios.camera_focal import FOCAL_OFF, FocalRatio, estimate_focal, scale_focal
+from stridetwin.scenarios.camera_focal import FOCAL_OFF, FocalMultiple, estimate_focal, scale_focal
 from stridetwin.scenarios.camera_lever import LEVER_OFF_M, LeverArm, estimate_lever
 from stridetwin.scenarios.camera_motion import build_parts, prepare_parts
-from stridetwin.scenarios.image_rotation import Tracks, estimate_rates, track_segment
+from stridetwin.scenarios.image_rotation import PairTracks, estimate_rates, track_segment
+from stridetwin.streams.recording.imported import IMPORTED_FROM
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array, Block, Imu
 
-IMPORTED_FROM = "imported_from"
-"""Entry of the metadata of every recording that is another tool's, also after `import`."""
-IMAGES, BATCH, MOST_SEGMENTS = 45, 3, 12
+_SEGMENT_IMAGES, _BATCH, _MOST_SEGMENTS = 45, 3, 12
 """Images of a segment, segments that are read at a time, and most segments of one recording."""
 QUICK_SEGMENTS = 6
 """Most segments of the quick look that precedes an estimate. Where the head turns, the first batch is enough, which is
@@ -70,18 +69,18 @@ class CameraFit:
 
     Attributes:
         camera: Its calibration.
-        R_cam_imu: (3, 3) its calibrated rotation.
+        R_cam_imu: (3, 3) its calibrated rotation, which takes the IMU's axes into the camera's optical ones.
         clock: Its clock and mount; None where the two rotations have no clear common peak.
         focal: Its focal length; None where the rotation does not show it.
         lever: Its lever arm; None without depth, or where clock, mount or focal length are wrong.
-        spans_s: First and last stamp of the images and of the IMU, s.
+        spans_s: First and last stamp of the images, and of the IMU, s, each by its own clock.
         is_imported: Whether the calibration is another tool's, which rarely knows the readout of the shutter.
     """
 
     camera: CameraCalibration
     R_cam_imu: Array
     clock: CameraClock | None
-    focal: FocalRatio | None
+    focal: FocalMultiple | None
     lever: LeverArm | None
     spans_s: tuple[tuple[float, float], tuple[float, float]]
     is_imported: bool
@@ -151,7 +150,7 @@ class CameraFit:
             return f"{text}; timeshift_cam_imu: {clock.shift_s:.4f} in --rig FILE corrects it"
         return f"{text}; add {clock.shift_s:.3f} s to the stamps of its images"
 
-    def _describe_focal(self, focal: FocalRatio) -> str:
+    def _describe_focal(self, focal: FocalMultiple) -> str:
         """The sentence about a focal length that does not fit the rotation."""
         fu, fv, *_ = self.camera.intrinsics
         text = (
@@ -168,7 +167,7 @@ class CameraFit:
 
 
 def fit_camera(
-    recording: Recording, camera: CameraCalibration, imu: Block[Imu], most_segments: int = MOST_SEGMENTS
+    recording: Recording, camera: CameraCalibration, imu: Block[Imu], most_segments: int = _MOST_SEGMENTS
 ) -> CameraFit:
     """Compares a camera with the IMU on its body.
 
@@ -181,16 +180,21 @@ def fit_camera(
         camera: Calibration of the camera.
         imu: All samples of the IMU.
         most_segments: Most segments that are read.
+
+    Returns:
+        What is known; parts of it are None where the motion does not show them.
     """
     T_imu_cam = np.linalg.inv(recording.rig.imu(camera.imu_topic).mount.T_body_sensor) @ camera.mount.T_body_sensor
     gyro = GyroRates.of(imu, T_imu_cam[:3, :3].T)
     images = recording.image_times(camera.topic)
-    starts = _most_varied_segments(images + round(camera.timeshift_cam_imu_s * 1e9), gyro)[:most_segments]
+    starts = _sort_segments(images + round(camera.timeshift_cam_imu_s * 1e9), gyro)[:most_segments]
     comparison = _Comparison(camera=camera, T_imu_cam=T_imu_cam, imu=imu, gyro=gyro)
-    segments = list[list[Tracks]]()
-    for start in range(0, len(starts), BATCH):
-        segments += [track_segment(recording, camera, first, IMAGES) for first in starts[start : start + BATCH]]
-        clock, focal = comparison.find(segments, tries_other_lenses=start + BATCH >= len(starts))
+    segments = list[list[PairTracks]]()
+    for start in range(0, len(starts), _BATCH):
+        segments += [
+            track_segment(recording, camera, first, _SEGMENT_IMAGES) for first in starts[start : start + _BATCH]
+        ]
+        clock, focal = comparison.find_clock_and_focal(segments, tries_other_lenses=start + _BATCH >= len(starts))
         is_clear = clock is not None and abs(abs(clock.unexplained_s) - CLOCK_OFFSET_S) > clock.half_s
         if is_clear and focal is not None and focal.is_certain:
             break
@@ -211,7 +215,7 @@ def fit_camera(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Comparison:
-    """A camera and an IMU that are compared.
+    """A camera and the IMU on its body, which are compared by the tracks of segments of images.
 
     Attributes:
         camera: Calibration of the camera.
@@ -225,38 +229,44 @@ class _Comparison:
     imu: Block[Imu]
     gyro: GyroRates
 
-    def find(
-        self, segments: Sequence[Sequence[Tracks]], *, tries_other_lenses: bool
-    ) -> tuple[CameraClock | None, FocalRatio | None]:
+    def find_clock_and_focal(
+        self, segments: Sequence[Sequence[PairTracks]], *, tries_other_lenses: bool
+    ) -> tuple[CameraClock | None, FocalMultiple | None]:
         """Clock and focal length by the tracks of some segments.
 
         Args:
-            segments: The tracks.
+            segments: The tracks of each segment.
             tries_other_lenses: Whether other focal lengths are tried where the calibrated one shows no clock.
+
+        Returns:
+            Clock and mount, and focal length in multiples of the calibrated one; each None where it does not show.
         """
         size = _guess_image_size(self.camera)
         if size != 1.0:
-            clock, focal = self._find_with(_resize(self.camera, size), segments)
+            clock, focal = self._find_with_lens(_resize(self.camera, size), segments)
             if focal is not None and abs(focal.ratio - 1) < _SAME_LENS:
                 return clock, focal.multiply(size)
-        clock, focal = self._find_with(self.camera, segments)
+        clock, focal = self._find_with_lens(self.camera, segments)
         for factor in _OTHER_LENSES if clock is None and tries_other_lenses else ():
-            clock, focal = self._find_with(scale_focal(self.camera, factor), segments)
+            clock, focal = self._find_with_lens(scale_focal(self.camera, factor), segments)
             if clock is not None:
                 return clock, None if focal is None else focal.multiply(factor)
         return clock, focal
 
-    def find_lever(self, segments: Sequence[Sequence[Tracks]], clock: CameraClock) -> LeverArm | None:
-        """The lever arm by the tracks of some segments, where clock, mount and lens are right."""
+    def find_lever(self, segments: Sequence[Sequence[PairTracks]], clock: CameraClock) -> LeverArm | None:
+        """The lever arm by the tracks of some segments, where clock, mount and lens are right; None without depth."""
         parts = build_parts(self.camera, list(prepare_parts(self.T_imu_cam[:3, :3], self.imu, segments, clock.shift_s)))
         depths = [tracks.median_depth for segment in segments for tracks in segment]
         depth_m = float(np.nanmedian(depths)) if parts else 0.0
         return estimate_lever(parts, self.T_imu_cam, depth_m, self.camera.readout_s)
 
-    def _find_with(
-        self, camera: CameraCalibration, segments: Sequence[Sequence[Tracks]]
-    ) -> tuple[CameraClock | None, FocalRatio | None]:
-        """Clock, and multiple of the focal length, with another calibration of the lens."""
+    def _find_with_lens(
+        self, camera: CameraCalibration, segments: Sequence[Sequence[PairTracks]]
+    ) -> tuple[CameraClock | None, FocalMultiple | None]:
+        """Clock, and focal length in multiples of that of `camera`, which has another calibration of the lens.
+
+        Both are None where the rotations of images and gyro do not agree.
+        """
         rates = [r for r in (estimate_rates(camera, segment) for segment in segments) if r is not None]
         clock = estimate_clock(camera, self.gyro, rates)
         if clock is None:
@@ -288,7 +298,10 @@ def describe_turn(turn: Array, R_cam_imu: Array) -> str:
 
     Args:
         turn: (3, 3) rotation that maps the camera's nominal axes to its true ones.
-        R_cam_imu: (3, 3) calibrated rotation.
+        R_cam_imu: (3, 3) calibrated rotation, which takes the IMU's axes into the camera's.
+
+    Returns:
+        A clause of a message, without a full stop.
     """
     fitting = turn @ R_cam_imu
     axes, off_deg = _find_nearest_axes(turn)
@@ -312,7 +325,7 @@ def _find_nearest_axes(R: Array) -> tuple[Array, float]:
     return best, angle_deg(R @ best.T)
 
 
-def _most_varied_segments(images: NDArray[np.int64], gyro: GyroRates) -> list[int]:
+def _sort_segments(images: NDArray[np.int64], gyro: GyroRates) -> list[int]:
     """Numbers of the first images of all segments, sorted by how much the rotation rate varies in them, most first.
 
     The measure is the sum of the standard deviations of the three axes. Without any rate during the images, the
@@ -323,12 +336,12 @@ def _most_varied_segments(images: NDArray[np.int64], gyro: GyroRates) -> list[in
         gyro: Rates of the gyro.
     """
     # segments that a further image follows; the rest at the end is left out, unless it is the only one
-    starts = range(0, max(1, len(images) - IMAGES), IMAGES)
+    starts = range(0, max(1, len(images) - _SEGMENT_IMAGES), _SEGMENT_IMAGES)
     spread: list[float] = []
     for start in starts:
-        first, last = images[start], images[min(start + IMAGES, len(images) - 1)]
+        first, last = images[start], images[min(start + _SEGMENT_IMAGES, len(images) - 1)]
         segment_rate = gyro.rate[(gyro.t_ns >= first) & (gyro.t_ns <= last)]
         spread.append(float(segment_rate.std(axis=0).sum()) if len(segment_rate) > 1 else 0.0)
     if not any(spread):
-        return sorted(starts, key=lambda first: first / IMAGES * _GOLDEN % 1)
+        return sorted(starts, key=lambda first: first / _SEGMENT_IMAGES * _GOLDEN % 1)
     return [starts[int(i)] for i in np.argsort(spread, kind="stable")[::-1]]

@@ -15,11 +15,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.scenarios.camera_clock import CameraClock, GyroRates, split_blocks, student_quantile
+from stridetwin.scenarios.camera_clock import CameraClock, GyroRates, split_blocks
 from stridetwin.scenarios.camera_epipolar import find_epipolar_cost
-from stridetwin.scenarios.camera_lever import COARSE, estimate_factor, find_minimum
+from stridetwin.scenarios.camera_lever import COARSE_FACTORS, estimate_focal_factor, find_minimum
 from stridetwin.scenarios.camera_motion import InertialPart, MotionPart, build_parts, prepare_parts
-from stridetwin.scenarios.image_rotation import Rates, Tracks, estimate_rates
+from stridetwin.scenarios.image_rotation import PairTracks, Rates, estimate_rates
+from stridetwin.scenarios.intervals import student_quantile
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array, Block, Imu
 
@@ -33,18 +34,20 @@ _COARSE_PAIRS = 3
 """Of so many pairs of images, one is compared first."""
 _AROUND = np.array([0.92, 1.0, 1.08])
 """Multiples of the best focal length that are compared last, without depth."""
-_MIN_PARTS = 4
-_OUTLIER = 9.0  # times the mean of the squared differences
+_MIN_PARTS = 4  # fewest parts from which a focal length is estimated
+_OUTLIER = 9.0  # times the median of the squared differences
 _TRIMMED_ROUNDS = 4  # of the fit without outliers
-_MIN_BLOCKS = 6
+_MIN_BLOCKS = 6  # fewest blocks of images from which slopes are fitted
 
 
 @dataclass(frozen=True, kw_only=True)
-class FocalRatio:
+class FocalMultiple:
     """What the focal lengths are by the rotation of the images, in multiples of the calibrated ones.
 
+    The ratios of `streams.depth_planes` and `depth_scale` are the inverse: calibrated over fitting focal lengths.
+
     Attributes:
-        ratio: Of both focal lengths.
+        ratio: Focal lengths that fit over the calibrated ones.
         half: Half width of its 95 % interval.
         roll: Ratio of the rotation about the line of sight to the gyro's, which should be 1 for any focal length; NaN
             where there is none.
@@ -56,7 +59,7 @@ class FocalRatio:
     roll: float
     roll_half: float
 
-    def multiply(self, factor: float) -> FocalRatio:
+    def multiply(self, factor: float) -> FocalMultiple:
         """The ratio to a calibration whose focal lengths are `1 / factor` of those that it refers to."""
         return replace(self, ratio=factor * self.ratio, half=factor * self.half)
 
@@ -89,10 +92,10 @@ def estimate_focal(
     T_imu_cam: Array,
     imu: Block[Imu],
     gyro: GyroRates,
-    segments: Sequence[Sequence[Tracks]],
+    segments: Sequence[Sequence[PairTracks]],
     rates: Sequence[Rates],
     clock: CameraClock,
-) -> FocalRatio | None:
+) -> FocalMultiple | None:
     """The focal length with which the IMU explains the motion of a camera's features.
 
     Args:
@@ -105,7 +108,7 @@ def estimate_focal(
         clock: Its clock and mount.
 
     Returns:
-        None if the motion shows too little of it.
+        The focal length; None if the motion shows too little of it.
     """
     slopes = _fit_slopes(gyro, rates, clock) if rates else None
     if slopes is None:
@@ -120,7 +123,7 @@ def estimate_focal(
         return build_parts(scale_focal(camera, factor), parts)
 
     if has_depth:
-        estimate = estimate_factor(build, T_imu_cam[:3, 3], camera.readout_s)
+        estimate = estimate_focal_factor(build, T_imu_cam[:3, 3], camera.readout_s)
     else:
         estimate = _estimate_without_depth(camera, parts)
     if estimate is None:
@@ -134,7 +137,7 @@ def estimate_focal(
         rates = [r for r in (estimate_rates(scaled, segment) for segment in segments) if r is not None]
         slopes = _fit_slopes(gyro, rates, clock) if rates else None
     roll = None if slopes is None or slopes.about.half > _MOST_HALF_WIDTH else slopes.about
-    return FocalRatio(
+    return FocalMultiple(
         ratio=ratio,
         half=half,
         roll=math.nan if roll is None else roll.value,
@@ -156,8 +159,8 @@ def _estimate_without_depth(
     """
     if len(parts) < _MIN_PARTS:
         return None
-    coarse = _compare_epipolar(camera, parts, COARSE, every=_COARSE_PAIRS).sum(axis=0)
-    start = find_minimum(COARSE, coarse)
+    coarse = _compare_epipolar(camera, parts, COARSE_FACTORS, every=_COARSE_PAIRS).sum(axis=0)
+    start = find_minimum(COARSE_FACTORS, coarse)
     if start is None:
         return None
     factors = start * _AROUND
@@ -173,7 +176,14 @@ def _estimate_without_depth(
 def _compare_epipolar(
     camera: CameraCalibration, parts: Sequence[InertialPart], factors: Array, *, every: int = 1
 ) -> Array:
-    """(P, F) what the features of P parts leave over with F multiples of the focal length; by every n-th pair."""
+    """(P, F) costs (`find_epipolar_cost`) of the features of P parts with F multiples of the focal length.
+
+    Args:
+        camera: Calibration of the camera.
+        parts: The parts, with the rotations by the gyro.
+        factors: (F,) the multiples.
+        every: Of so many pairs of images of a part, one is used.
+    """
     costs = np.zeros((len(parts), len(factors)))
     for column, factor in enumerate(factors):
         scaled, direction = scale_focal(camera, float(factor)), np.array([0.0, 0.0, 1.0])
@@ -190,7 +200,7 @@ def _remove_bias(imu: Block[Imu], bias: Array) -> Block[Imu]:
 
 
 def scale_focal(camera: CameraCalibration, factor: float) -> CameraCalibration:
-    """The camera with both focal lengths multiplied."""
+    """The camera with both focal lengths multiplied by a factor; the centre of the lens stays."""
     fu, fv, pu, pv = camera.intrinsics
     return replace(camera, intrinsics=(factor * fu, factor * fv, pu, pv))
 
@@ -200,9 +210,9 @@ class _Slopes:
     """Ratios of the images' rates to the gyro's.
 
     Attributes:
-        across: Across the line of sight.
-        about: About it.
-        bias: (3,) of the gyro in the camera's axes, rad/s: its rates where the images do not turn.
+        across: Of the rotation about axes across the line of sight.
+        about: Of the rotation about the line of sight.
+        bias: (3,) of the gyro in the camera's true axes, rad/s: its rates where the images do not turn.
     """
 
     across: _Slope
@@ -239,8 +249,8 @@ def _fit_slope(measured: Array, visual: Array, block: NDArray[np.intp]) -> _Slop
     The interval is Student's, from a jackknife over the blocks, with the error of the model.
 
     Args:
-        measured: (N, D) rates of the gyro, rad/s.
-        visual: (N, D) rates of the images, rad/s.
+        measured: (N, D) rates of the gyro in the camera's true axes, rad/s.
+        visual: (N, D) rates of the images in the same axes, rad/s.
         block: (N,) number of the block of each pair of images.
     """
     x, y = measured - np.median(measured, axis=0), visual - np.median(visual, axis=0)

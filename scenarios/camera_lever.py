@@ -12,19 +12,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stridetwin.scenarios.camera_clock import student_quantile
 from stridetwin.scenarios.camera_motion import ARM, READOUT, READOUT_UNIT_S, SCALE, UNKNOWNS, MotionPart, Quadratic
+from stridetwin.scenarios.intervals import student_quantile
 from stridetwin.streams.samples import Array
 
 LEVER_OFF_M = 0.1
 """Error of the lever arm that a calibration may have, m: what the housing of one device spans."""
-COARSE = np.geomspace(0.55, 1.82, 9)
+COARSE_FACTORS = np.geomspace(0.55, 1.82, 9)
 """Multiples of the calibrated focal length that are compared first."""
-FINE = np.array([0.95, 1.0, 1.05])
+_FINE_FACTORS = np.array([0.95, 1.0, 1.05])
 """Multiples of the best of these that are compared then."""
 _READOUT_SD_S, _CALIBRATED_READOUT_SD_S = 0.015, 0.002
 """Readout of a camera of which none is calibrated: 0 to 30 ms; and error of a calibrated one."""
 _MIN_PARTS = 4
+"""Fewest parts from which a lever arm or a focal length is estimated."""
 _MODEL_SD_M = 0.02  # of an axis: depth noise that depends on the motion
 _DEPTH_SHARE = 0.02  # of the depth: along the line of sight, an error of the focal length looks like a lever arm
 _MOST_HALF_WIDTH_M = 0.25  # half width up to which a direction counts
@@ -39,9 +40,9 @@ class LeverArm:
         calibrated: (3,) m, position of the camera in the IMU's axes by the calibration.
         measured: (3,) m, by the motion.
         covariance: (3, 3) m², of the latter.
-        freedom: Degrees of freedom of its interval.
-        depth_scale: Common factor of the depths, by the motion.
-        readout_s: Readout of the shutter, by the motion.
+        freedom: Degrees of freedom of its intervals.
+        depth_scale: Factor by which the measured depths are too large, by the motion.
+        readout_s: Readout of the shutter, s, by the motion.
     """
 
     calibrated: Array
@@ -82,11 +83,11 @@ def estimate_lever(parts: Sequence[MotionPart], T_imu_cam: Array, depth_m: float
     Args:
         parts: Equations with its calibrated lens.
         T_imu_cam: (4, 4) calibrated pose on the IMU, whose rotation has to be right.
-        depth_m: Median depth of the features.
-        readout_s: Calibrated readout of the shutter, 0 if it is unknown.
+        depth_m: Median depth of the features, m.
+        readout_s: Calibrated readout of the shutter, s; 0 if it is unknown.
 
     Returns:
-        None with too few parts, or where the forces do not agree with the motion at all.
+        The lever arm; None with too few parts, or where the forces do not agree with the motion at all.
     """
     if len(parts) < _MIN_PARTS:
         return None
@@ -109,7 +110,7 @@ def estimate_lever(parts: Sequence[MotionPart], T_imu_cam: Array, depth_m: float
     )
 
 
-def estimate_factor(
+def estimate_focal_factor(
     build: Callable[[float], Sequence[MotionPart]], calibrated: Array, readout_s: float
 ) -> tuple[float, float, int] | None:
     """The multiple of the focal length with which the IMU explains the motion best.
@@ -119,26 +120,27 @@ def estimate_factor(
     Args:
         build: Gives the equations of the parts for a multiple of the calibrated focal length.
         calibrated: (3,) m, calibrated position of the camera in the IMU's axes.
-        readout_s: Calibrated readout of the shutter, 0 if it is unknown.
+        readout_s: Calibrated readout of the shutter, s; 0 if it is unknown.
 
     Returns:
         The multiple, its standard deviation, and the number of parts; None with too few parts, or without a minimum.
     """
     likely = _expect_arm(calibrated) + _expect_readout(readout_s)
-    coarse = _compare_factors(build, COARSE, likely)
-    start = None if coarse is None else find_minimum(COARSE, coarse.costs)
+    coarse = _compare_factors(build, COARSE_FACTORS, likely)
+    start = None if coarse is None else find_minimum(COARSE_FACTORS, coarse.costs)
     if start is None:
         return None
-    fine = _compare_factors(build, start * FINE, likely)
+    factors = start * _FINE_FACTORS
+    fine = _compare_factors(build, factors, likely)
     if fine is None:
         return None
     count = len(fine.sums[0])
     # the least cost without each of the parts
     without = [
-        find_minimum(start * FINE, np.array([_find_least_cost(total - sums[part]) for total, sums in fine.pairs]))
+        find_minimum(factors, np.array([_find_least_cost(total - sums[part]) for total, sums in fine.pairs]))
         for part in range(count)
     ]
-    minimum = find_minimum(start * FINE, fine.costs)
+    minimum = find_minimum(factors, fine.costs)
     known = [value for value in (minimum, *without) if value is not None]
     if minimum is None or len(known) <= count:
         return None
@@ -146,13 +148,13 @@ def estimate_factor(
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Comparison:
+class _FactorCosts:
     """Costs with F multiples of the focal length.
 
     Attributes:
-        costs: (F,) least cost with each.
-        sums: Cost of each part as a function of the unknowns, by multiple.
-        totals: The sum of the parts' and of what is likely, by multiple.
+        costs: (F,) least cost with each, over all unknowns.
+        sums: F lists of the cost of each part as a function of the unknowns.
+        totals: F sums of the costs of all parts and of what is known of the unknowns beforehand.
     """
 
     costs: Array
@@ -161,22 +163,22 @@ class _Comparison:
 
     @property
     def pairs(self) -> Iterable[tuple[Quadratic, list[Quadratic]]]:
-        """Total and parts by multiple."""
+        """F pairs of the total and of the costs of the parts."""
         return zip(self.totals, self.sums)
 
 
 def _compare_factors(
     build: Callable[[float], Sequence[MotionPart]], factors: Array, likely: Quadratic
-) -> _Comparison | None:
+) -> _FactorCosts | None:
     """Compares multiples (F,) of the focal length; pairs of images that do not fit even with the best one count little.
 
     Args:
         build: Gives the equations of the parts for a multiple.
         factors: The multiples.
-        likely: Cost of what is known of the unknowns.
+        likely: Cost of values of the unknowns that are unlikely beforehand.
 
     Returns:
-        None with too few parts, or where the features allow different pairs of images.
+        The costs; None with too few parts, or where the features allow different pairs of images.
     """
     by_factor = [build(float(factor)) for factor in factors]
     sizes = {tuple(len(part.misfit) for part in parts) for parts in by_factor}
@@ -189,7 +191,7 @@ def _compare_factors(
         costs = np.array([_find_least_cost(total) for total in totals])
         best = int(np.argmin(costs))
         weights = _weigh(by_factor[best], weights, totals[best].solve())
-    return _Comparison(costs=costs, sums=sums, totals=totals)
+    return _FactorCosts(costs=costs, sums=sums, totals=totals)
 
 
 def _find_least_cost(total: Quadratic) -> float:
@@ -205,7 +207,7 @@ def _expect_arm(calibrated: Array) -> Quadratic:
 
 
 def _expect_readout(readout_s: float) -> Quadratic:
-    """The cost of a readout that differs from the calibrated one; 0 is an unknown one."""
+    """The cost of a readout that differs from the calibrated one, s; 0 if that is unknown."""
     sd = (_CALIBRATED_READOUT_SD_S if readout_s else _READOUT_SD_S) / READOUT_UNIT_S
     normal, right = np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS)
     normal[READOUT, READOUT], right[READOUT] = sd**-2, readout_s / READOUT_UNIT_S * sd**-2
@@ -220,7 +222,8 @@ def find_minimum(factors: Array, costs: Array) -> float | None:
         costs: (F,) their costs.
 
     Returns:
-        None if the least cost is at the end of many multiples, or three costs do not curve upwards.
+        The multiple; None if the least cost is at the end of more than three multiples, or the three costs around it do
+        not curve upwards.
     """
     best = int(np.argmin(costs))
     if best in (0, len(costs) - 1) and len(costs) > 3:
@@ -234,7 +237,7 @@ def find_minimum(factors: Array, costs: Array) -> float | None:
 
 
 def _sum_without_outliers(parts: Sequence[MotionPart]) -> list[Quadratic]:
-    """The cost of each part as a function of scale and lever arm, without pairs that fit much worse than others."""
+    """The cost of each part as a function of the unknowns, without pairs that fit much worse than others."""
     weights = [np.ones(len(part.misfit)) for part in parts]
     for _ in range(_ROUNDS):
         sums = [part.sum_up(weight) for part, weight in zip(parts, weights)]
@@ -243,7 +246,13 @@ def _sum_without_outliers(parts: Sequence[MotionPart]) -> list[Quadratic]:
 
 
 def _weigh(parts: Sequence[MotionPart], weights: Sequence[Array], solution: Array) -> list[Array]:
-    """Weights (K,) of the pairs of each part: next to nothing where they fit much worse than the median."""
+    """New weights (K,) of the pairs of each part: next to nothing where they fit much worse than the median.
+
+    Args:
+        parts: The parts.
+        weights: (K,) of each part, the weights that the solution was found with.
+        solution: (5,) the unknowns.
+    """
     costs = [part.find_costs(solution, weight) - part.misfit for part, weight in zip(parts, weights)]
     most = _OUTLIER * float(np.median(np.concatenate(costs))) + 1e-12
     return [np.where(of_pairs <= most, 1.0, 1e-6) for of_pairs in costs]

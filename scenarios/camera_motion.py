@@ -15,35 +15,43 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stridetwin.scenarios.image_rotation import Tracks, find_rays
+from stridetwin.scenarios.image_rotation import PairTracks
 from stridetwin.streams.algebra.arrays import exp
+from stridetwin.streams.even_steps import integrate
+from stridetwin.streams.rays import find_rays
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array, Block, Imu
+from stridetwin.streams.time_series import accumulate, interpolate
 
 PAIRS_OF_PART = 22
 """Pairs of images of a part: 0.7 s at 30 Hz, a half to two thirds of a stride, which turns a head to and fro."""
 _MIN_PAIRS = 12
+"""Fewest pairs of images of a part."""
 _FEWEST_POINTS = 20
+"""Fewest features with depth of a pair of images."""
 _POINT_NOISE_PX, _WORST_POINT_PX = 0.25, 1.0  # of tracked pixels: noise of a feature, and the most that it counts
 _DISPLACEMENT_SD_M = 0.002  # of the path between two images: noise of the IMU, rolling shutters, vibration
 _POINT_ROUNDS = 3
+"""Rounds of weighing the features of a pair by what its translation leaves over."""
 SCALE, ARM, READOUT = 0, slice(1, 4), 4
 """Places of the unknowns: scale of the depth, lever arm times scale in m, readout in `READOUT_UNIT_S`."""
 READOUT_UNIT_S = 0.01
+"""Unit of the readout among the unknowns, s: its usual size, so that all unknowns are of one order."""
 UNKNOWNS = 5
+"""Number of the unknowns."""
 _ROWS = 4
 """Equations of a pair of images: three of the displacement, one of the readout."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MotionPart:
-    """K consecutive pairs of images as linear equations in units of their noise.
+    """K consecutive pairs of images as linear equations in units of their noise: terms @ x + nuisance @ y = seen.
 
     Attributes:
-        terms: (4K, 5) of the unknowns.
-        seen: (4K,) displacements of the camera, and readout.
-        nuisance: (4K, 6) terms of the part's initial velocity and of gravity.
-        misfit: (K,) what the features of each pair leave over with the best translation.
+        terms: (4K, 5) factors of the unknowns x.
+        seen: (4K,) displacement of the camera between the images of each pair (3), and readout (1), by the features.
+        nuisance: (4K, 6) factors of y, the initial velocity and gravity, in the IMU's axes at the part's start.
+        misfit: (K,) sum of squared residuals that the features of each pair leave over with the best translation.
     """
 
     terms: Array
@@ -70,7 +78,7 @@ class MotionPart:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Quadratic:
-    """A cost c - 2 bᵀx + xᵀAx of the unknowns x (5,).
+    """A cost c - 2 bᵀx + xᵀAx of the unknowns x (5,), a sum of squared residuals in units of their noise.
 
     Attributes:
         normal: (5, 5) A.
@@ -107,14 +115,15 @@ class InertialPart:
 
     Attributes:
         pairs: Tracks of the pairs.
-        R_start_cam: (K, 2, 3, 3) rotations of the camera at both images, into the axes of the IMU at the start.
-        terms: (K, 3, 4) displacement per unit of scale, and of lever arm times scale, in these axes.
-        nuisance: (K, 3, 6) displacement per unit of initial velocity and of gravity.
+        R_start_cam: (K, 2, 3, 3) rotations of the camera's axes at both images into the IMU's axes at the part's start.
+        terms: (K, 3, 4) displacement of the camera between both images per unit of scale, m, and of lever arm times
+            scale, in the IMU's axes at the start.
+        nuisance: (K, 3, 6) displacement per unit of initial velocity, s, and of gravity, s², in the same axes.
         rates: (K, 2, 3) rotation rates at both images in the camera's axes, rad/s.
         speed_up: (K, 3) change of the velocity between them, in the camera's axes at the second, m/s.
     """
 
-    pairs: Sequence[Tracks]
+    pairs: Sequence[PairTracks]
     R_start_cam: Array
     terms: Array
     nuisance: Array
@@ -123,16 +132,24 @@ class InertialPart:
 
 
 def prepare_parts(
-    R_imu_cam: Array, imu: Block[Imu], segments: Sequence[Sequence[Tracks]], shift_s: float, *, needs_depth: bool = True
+    R_imu_cam: Array,
+    imu: Block[Imu],
+    segments: Sequence[Sequence[PairTracks]],
+    shift_s: float,
+    *,
+    needs_depth: bool = True,
 ) -> Iterator[InertialPart]:
     """Yields what the IMU says about the parts of some segments.
 
     Args:
-        R_imu_cam: (3, 3) rotation of the camera on the IMU.
+        R_imu_cam: (3, 3) rotation of the camera's axes into the IMU's.
         imu: All samples of the IMU.
         segments: Tracks of each segment.
-        shift_s: t_imu = t_cam + shift.
+        shift_s: t_imu = t_cam + shift, s.
         needs_depth: Whether pairs without depth are left out.
+
+    Yields:
+        Parts of about `PAIRS_OF_PART` pairs, `_MIN_PAIRS` at least; without those that the IMU does not cover.
     """
     for segment in segments:
         usable = [tracks for tracks in segment if tracks.depth is not None or not needs_depth]
@@ -145,13 +162,22 @@ def prepare_parts(
 
 
 def build_parts(camera: CameraCalibration, parts: Sequence[InertialPart]) -> list[MotionPart]:
-    """The equations of some parts for a given calibration of the lens; without parts whose features lack depth."""
+    """The equations of parts for a calibration of the lens; without parts of too few features with depth."""
     built = (_build_part(camera, part) for part in parts)
     return [part for part in built if part is not None]
 
 
-def _prepare_part(R_imu_cam: Array, imu: Block[Imu], pairs: Sequence[Tracks], shift_s: float) -> InertialPart | None:
-    """What the IMU says about K pairs; None if it does not cover them."""
+def _prepare_part(
+    R_imu_cam: Array, imu: Block[Imu], pairs: Sequence[PairTracks], shift_s: float
+) -> InertialPart | None:
+    """What the IMU says about K pairs; None if it does not cover them, or has fewer samples than there are pairs.
+
+    Args:
+        R_imu_cam: (3, 3) rotation of the camera's axes into the IMU's.
+        imu: All samples of the IMU.
+        pairs: Tracks of the pairs.
+        shift_s: t_imu = t_cam + shift, s.
+    """
     spans = np.array([tracks.t_ns for tracks in pairs], np.int64) + round(shift_s * 1e9)  # (K, 2) by the IMU's clock
     first, last = np.searchsorted(imu.t_ns, (int(spans.min()), int(spans.max())))
     first, last = int(first) - 1, int(last) + 1
@@ -160,21 +186,21 @@ def _prepare_part(R_imu_cam: Array, imu: Block[Imu], pairs: Sequence[Tracks], sh
     t_ns = imu.t_ns[first:last]
     t = (t_ns - t_ns[0]) * 1e-9  # (M,)
     rate, force = (imu.columns[name][first:last] for name in ("angular_rate", "specific_force"))
-    rotation, fallen = _integrate(t, rate, force)
+    rotation, fallen = _integrate_samples(t, rate, force)
     at = (spans - t_ns[0]) * 1e-9  # (K, 2)
-    R_start_imu = _interpolate(at, t, rotation.reshape(-1, 9)).reshape(len(pairs), 2, 3, 3)
+    R_start_imu = interpolate(at, t, rotation.reshape(-1, 9)).reshape(len(pairs), 2, 3, 3)
     R_start_cam = R_start_imu @ R_imu_cam
-    moved = np.diff(_interpolate(at, t, fallen), axis=1)[:, 0]  # (K, 3)
+    moved = np.diff(interpolate(at, t, fallen), axis=1)[:, 0]  # (K, 3)
     duration, squares = at[:, 1] - at[:, 0], 0.5 * (at[:, 1] ** 2 - at[:, 0] ** 2)
     # without its mean, which is gravity: nobody speeds up for long
     pushed = np.einsum("mij,mj->mi", rotation, force)
-    acceleration = _interpolate(at, t, pushed - pushed.mean(axis=0)).mean(axis=1)  # (K, 3)
+    acceleration = interpolate(at, t, pushed - pushed.mean(axis=0)).mean(axis=1)  # (K, 3)
     return InertialPart(
         pairs=pairs,
         R_start_cam=R_start_cam,
         terms=np.concatenate((moved[..., None], R_start_imu[:, 1] - R_start_imu[:, 0]), axis=2),
         nuisance=np.concatenate((duration[:, None, None] * np.eye(3), squares[:, None, None] * np.eye(3)), axis=2),
-        rates=_interpolate(at, t, rate) @ R_imu_cam,
+        rates=interpolate(at, t, rate) @ R_imu_cam,
         speed_up=np.einsum("kji,kj->ki", R_start_cam[:, 1], acceleration) * duration[:, None],
     )
 
@@ -214,7 +240,7 @@ class _PointMotion:
     """Motion of points from one image to the next.
 
     Attributes:
-        value: (4,) translation, m, in the camera's axes at the second image; readout, `READOUT_UNIT_S`.
+        value: (4,) translation of the points, m, in the camera's axes at the second image; readout in `READOUT_UNIT_S`.
         covariance: (4, 4) of these.
         misfit: Sum of the squared residuals of the features in units of their noise, each limited.
     """
@@ -225,7 +251,7 @@ class _PointMotion:
 
 
 def _solve_motion(
-    camera: CameraCalibration, tracks: Tracks, R: Array, rates: Array, speed_up: Array
+    camera: CameraCalibration, tracks: PairTracks, R: Array, rates: Array, speed_up: Array
 ) -> _PointMotion | None:
     """The translation of features with depth, whose rotation from one image to the next is known, and the readout.
 
@@ -242,7 +268,7 @@ def _solve_motion(
         speed_up: (3,) change of the velocity between the images, in the axes at the second, m/s.
 
     Returns:
-        None with too few features.
+        Translation and readout; None with too few features.
     """
     assert tracks.depth is not None
     has_depth = tracks.depth > 0
@@ -280,8 +306,8 @@ def _solve_motion(
     )
 
 
-def _integrate(t: Array, rate: Array, force: Array) -> tuple[Array, Array]:
-    """Rotations (M, 3, 3) and positions (M, 3), m, of an IMU that starts at rest and without gravity.
+def _integrate_samples(t: Array, rate: Array, force: Array) -> tuple[Array, Array]:
+    """Rotations and positions of an IMU by its samples, from rest and without gravity.
 
     A sample is the mean over the interval that ends at its stamp (docs/design.md, conventions).
 
@@ -289,6 +315,9 @@ def _integrate(t: Array, rate: Array, force: Array) -> tuple[Array, Array]:
         t: (M,) s.
         rate: (M, 3) rad/s.
         force: (M, 3) m/s².
+
+    Returns:
+        (M, 3, 3) rotations of the IMU's axes into those at the start, and (M, 3) positions in the latter, m.
     """
     steps = np.diff(t)
     halves = exp(0.5 * rate[1:] * steps[:, None])
@@ -297,11 +326,5 @@ def _integrate(t: Array, rate: Array, force: Array) -> tuple[Array, Array]:
     for i in range(len(steps)):
         middle[i] = rotation[i] @ halves[i]
         rotation[i + 1] = middle[i] @ halves[i]
-    velocity = np.vstack((np.zeros(3), np.cumsum(np.einsum("mij,mj->mi", middle, force[1:]) * steps[:, None], axis=0)))
-    moved = 0.5 * (velocity[1:] + velocity[:-1]) * steps[:, None]
-    return rotation, np.vstack((np.zeros(3), np.cumsum(moved, axis=0)))
-
-
-def _interpolate(at: Array, t: Array, values: Array) -> Array:
-    """(K, 2, D) values (M, D) at times (M,), interpolated at times (K, 2)."""
-    return np.stack([np.interp(at, t, values[:, k]) for k in range(values.shape[1])], axis=-1)
+    velocity = accumulate(steps, np.einsum("mij,mj->mi", middle, force[1:]))
+    return rotation, integrate(t, velocity)

@@ -9,9 +9,10 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 
 from stridetwin.scenarios.camera_clock import moving_board
-from stridetwin.scenarios.camera_fit import IMPORTED_FROM, QUICK_SEGMENTS, fit_camera
+from stridetwin.scenarios.camera_fit import QUICK_SEGMENTS, fit_camera
 from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.formats.opening import print_warnings
+from stridetwin.streams.recording.imported import IMPORTED_FROM
 from stridetwin.streams.recording.index import LENIENT
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import CameraCalibration
@@ -23,11 +24,11 @@ def report_cameras(recording: Recording, topics: Collection[str], *, lenient: bo
 
     Args:
         recording: The recording; nothing happens for one of the twin.
-        topics: Streams that will be used; other cameras are left out.
+        topics: Topics that will be used; cameras of which neither images nor depth are among them are left out.
         lenient: Errors that spoil an estimate are warnings, too.
 
     Returns:
-        The warnings.
+        The warnings, one sentence each, with the topic of the camera.
 
     Raises:
         RecordingError: Camera and IMU contradict by more than an odometry can mend, unless lenient.

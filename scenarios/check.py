@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from stridetwin.scenarios.camera_clock import ClockRow, moving_board
 from stridetwin.scenarios.camera_fit import CameraFit, fit_camera
-from stridetwin.scenarios.depth_scale import DepthScale, DepthScaleRow, find_implausible_views, measure_depth_scales
+from stridetwin.scenarios.depth_scale import DepthScale, DepthScaleRow, judge_depth_images, measure_depth_scales
 from stridetwin.sim.parts.library import full_scales
 from stridetwin.streams.errors import check_type
 from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
@@ -350,7 +350,7 @@ def _check_depths(
         for topic, scale in scales.items()
         for what, is_error in scale.faults(asks_focal=topic not in with_focal)
     ]
-    views = find_implausible_views(recording, scales)
+    views = judge_depth_images(recording, scales)
     findings += [
         Finding(topic=topic, what=str(implausible), is_error=False)
         for topic, implausible in views

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.streams.samples import Array
+from stridetwin.streams.time_series import accumulate, interpolate
 
 _CELL_S = 0.01
 """Step between the shifts, s: a third of the period of images at 30 Hz, whose rates change more slowly."""
-_MOST = 6
+_MOST_PEAKS = 6
 """Most shifts that each of the two correlations names."""
 _APART_S = 0.2
 """Least distance of two of these shifts, s: less than half a step of a walk."""
@@ -25,16 +26,16 @@ _LONGEST_SPAN_S = 6 * 3600.0
 
 
 def find_shifts(spans: NDArray[np.int64], visual: Array, t_ns: NDArray[np.int64], rate: Array) -> Array:
-    """Shifts t_imu - t_cam at which the two rotation rates correlate most, of all at which the streams overlap.
+    """Shifts t_imu - t_cam, s, at which the two rotation rates correlate most, of all at which the streams overlap.
 
     Args:
         spans: (N, 2) start and end of each pair of images by the camera's clock, ns.
-        visual: (N, 3) rates from the images, rad/s.
+        visual: (N, 3) rates from the images in the camera's optical axes, rad/s.
         t_ns: (M,) stamps of the gyro, ns.
         rate: (M, 3) rates of the gyro in the camera's nominal axes, rad/s.
 
     Returns:
-        (K,) shifts, s, within a cell; empty if the streams are too long or the gyro too short.
+        (K,) shifts, s, each to within `_CELL_S`; empty if the streams are too long or the gyro too short.
     """
     middle = (spans[:, 0] + spans[:, 1]) // 2
     start_ns = int(middle.min())
@@ -58,11 +59,11 @@ def find_shifts(spans: NDArray[np.int64], visual: Array, t_ns: NDArray[np.int64]
 def _resample(t_ns: NDArray[np.int64], rate: Array, duration_s: float) -> Array:
     """(G, 3) mean rates of the gyro over windows of `duration_s` around cells that begin at its first stamp, rad/s."""
     t = (t_ns - t_ns[0]) * 1e-9
-    angle = np.vstack((np.zeros(3), np.cumsum(rate[1:] * np.diff(t)[:, None], axis=0)))
+    angle = accumulate(np.diff(t), rate[1:])  # (M, 3) rad
     at = np.arange(int(t[-1] / _CELL_S) + 1) * _CELL_S
     ends = [np.clip(at + side * duration_s / 2, 0.0, t[-1]) for side in (-1, 1)]
-    change = [np.interp(ends[1], t, angle[:, k]) - np.interp(ends[0], t, angle[:, k]) for k in range(3)]
-    return np.asarray(np.stack(change, axis=1) / (ends[1] - ends[0])[:, None])
+    change = interpolate(ends[1], t, angle) - interpolate(ends[0], t, angle)
+    return np.asarray(change / (ends[1] - ends[0])[:, None])
 
 
 def _correlate(cells: NDArray[np.int_], seen: Array, measured: Array, size: int) -> tuple[Array, NDArray[np.int_]]:
@@ -75,7 +76,8 @@ def _correlate(cells: NDArray[np.int_], seen: Array, measured: Array, size: int)
         size: Length of the transforms, a power of two from the sum of both lengths on.
 
     Returns:
-        (L,) correlations, -1 where the gyro covers too few of the N, and (L,) lags in cells.
+        (L,) correlations, -1 where the gyro covers too few of the N or one of both hardly varies; and (L,) lags,
+        in increasing order: at lag l, cell n of the camera is compared with cell n + l of the gyro.
     """
     dimensions = seen.shape[1]
     count, sums = np.zeros(size), np.zeros((size, dimensions))
@@ -108,10 +110,10 @@ def _correlate(cells: NDArray[np.int_], seen: Array, measured: Array, size: int)
 
 
 def _find_peaks(correlation: Array) -> NDArray[np.int_]:
-    """Numbers of up to `_MOST` highest correlations that are maxima, `_APART_S` from one another."""
+    """Numbers of up to `_MOST_PEAKS` highest correlations that are maxima, `_APART_S` from one another."""
     apart = round(_APART_S / _CELL_S)
     remaining, peaks = correlation.copy(), list[int]()
-    for _ in range(_MOST):
+    for _ in range(_MOST_PEAKS):
         at = int(np.argmax(remaining))
         if remaining[at] <= 0:
             break

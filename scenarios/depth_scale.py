@@ -14,9 +14,9 @@ from typing import TypedDict
 
 import numpy as np
 
-from stridetwin.scenarios.depth_tracks import CameraPath, Tracks, solve_path, track_features
+from stridetwin.scenarios.depth_tracks import CameraPath, RunTracks, solve_path, track_features
 from stridetwin.scenarios.focal_length import measure_focal_by_images
-from stridetwin.scenarios.inertial_path import InertialPath, integrate, measure_motion_m
+from stridetwin.scenarios.inertial_path import InertialPath, integrate_path, measure_motion_m
 from stridetwin.scenarios.motion_scale import (
     SHIFTS_S,
     LogRatio,
@@ -28,16 +28,17 @@ from stridetwin.scenarios.motion_scale import (
     fit_motion_scale,
 )
 from stridetwin.streams.algebra.arrays import from_quaternion
-from stridetwin.streams.depth_planes import FOCAL_FIELD, find_implausible_planes, find_planes, measure_focal_ratio
+from stridetwin.streams.depth_planes import (
+    FOCAL_FIELD,
+    choose_views,
+    find_implausible_views,
+    find_planes,
+    measure_focal_ratio,
+)
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
-from stridetwin.streams.plausible import (
-    DEPTH_UNITS,
-    Implausible,
-    find_implausible_depth,
-    force_at_rest,
-    name_depth_option,
-)
+from stridetwin.streams.plausible import DEPTH_UNITS, Implausible, force_at_rest, name_depth_option
+from stridetwin.streams.recording.imported import IMPORTED_FROM
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array, Block, Depth, Image, Imu, Odometry, Sample
@@ -54,8 +55,6 @@ _BATCH, _MOST_WINDOWS = 4, 16
 """Runs that are read at a time, and most runs of a recording."""
 _MOST_CANDIDATES = 120
 """Most windows among which those with the most motion are chosen."""
-_PLANE_VIEWS = 12
-"""Depth images in which planes are looked for."""
 _KNOWN_FOCAL_LOG = 0.06
 """Half width of the interval of a focal length's logarithm up to which floor and walls are not asked."""
 _LARGEST_FOCAL_LOG = math.log(1.75)
@@ -73,7 +72,17 @@ _INPUT_POSES = "7scenes"
 
 
 class DepthScaleRow(TypedDict):
-    """A `DepthScale` as plain values; None for what is not known."""
+    """A `DepthScale` as plain values; None for what is not known.
+
+    Attributes:
+        reference: Topic of the IMU or of the poses; "" without any.
+        scale: Length of the camera's path over that of the reference.
+        scale_half: Half width of its 95 % interval.
+        correlation: Of both paths.
+        focal_ratio: Calibrated focal length over the one that fits.
+        focal_half: Half width of its 95 % interval.
+        runs: Number of runs of images.
+    """
 
     reference: str
     scale: float | None
@@ -91,12 +100,13 @@ class DepthScale:
     Attributes:
         reference: Topic of the IMU or of the poses; "" without any.
         camera: The camera.
-        motion: Scale of the motion, by the right focal length as far as that is known; None if there is no reference
-            that it agrees with.
-        focal: Calibrated focal length over the one with which the images agree.
-        by_planes: The same by floor and walls; None if it was not needed, or there are none.
+        motion: Camera's motion over the reference's, with the focal length that fits where the calibrated one is wrong;
+            None if there is no reference that it agrees with.
+        focal: Calibrated focal length over the one with which points of known depth move as a rigid scene.
+        by_planes: Calibrated focal length over the one with which floor and walls are perpendicular; None if it was not
+            needed, or there are none.
         per_metre: Units of the depth images per metre, as they were read; None if no option gives them.
-        runs: Number of runs of images.
+        runs: Number of runs of images that were compared.
     """
 
     reference: str
@@ -129,9 +139,9 @@ class DepthScale:
         f = self.camera.intrinsics[0]
         if asks_focal and self.focal.is_beyond(WARNING_LOG):
             what = (
-                f"intrinsics: invalid focal length {f:.4g} px: expected {_divide(f, self.focal)} px (95 %), with which "
-                f"points in the images move as a rigid scene; give the calibration of images of {self.camera.width} x "
-                f"{self.camera.height} with --rig"
+                f"intrinsics: invalid focal length {f:.4g} px: expected {_format_quotient(f, self.focal)} px (95 %), "
+                f"with which points in the images move as a rigid scene; give the calibration of images of "
+                f"{self.camera.width} x {self.camera.height} with --rig"
             )
             yield what, self.focal.is_beyond(MARGIN_LOG)
         if self.motion is None or not self.motion.is_beyond(WARNING_LOG):
@@ -143,7 +153,7 @@ class DepthScale:
                 return
             path = sideways
         if may_be_focal:
-            expected = _divide(f, LogRatio(value=-sideways.value, half=sideways.half))
+            expected = _format_quotient(f, LogRatio(value=-sideways.value, half=sideways.half))
             if self.by_planes is not None and self.by_planes.is_beyond(WARNING_LOG):
                 what = (
                     f"intrinsics: invalid focal length {f:.4g} px: expected {expected} px (95 %), with which its "
@@ -153,7 +163,7 @@ class DepthScale:
                 yield what, path.is_beyond(MARGIN_LOG)
                 return
             cause = f"; or the focal length is {expected} px in place of {f:.4g} px"
-        factor = _to_usual(-path.value, path.half)
+        factor = _round_to_usual(-path.value, path.half)
         what = (
             f"depth: invalid unit: it makes the camera's motion {path.ratio:.3g} ± {path.ratio * path.half:.2g} times "
             f"(95 %) that of {self.reference}: expected 1; multiply the depth by {factor:.3g}, "
@@ -169,15 +179,20 @@ class DepthScale:
         return is_possible and abs(needed.value) < _LARGEST_FOCAL_LOG and not self.focal.is_beyond(WARNING_LOG)
 
 
-def _divide(value: float, ratio: LogRatio) -> str:
-    """A value divided by a ratio, as text with the half width of its interval."""
+def _format_quotient(value: float, ratio: LogRatio) -> str:
+    """A value over a ratio with the half width of its 95 % interval, as text: `600 ± 12`."""
     return f"{value / ratio.ratio:.3g} ± {value / ratio.ratio * ratio.half:.2g}"
 
 
-def _to_usual(value: float, half: float) -> float:
-    """The factor of a logarithm, or the one between usual units that is within its interval."""
-    usual = min(_USUAL_FACTORS, key=lambda factor: abs(math.log(factor) - value))
-    return usual if abs(math.log(usual) - value) < half else math.exp(value)
+def _round_to_usual(factor_log: float, half: float) -> float:
+    """The factor between usual units of depth that is within an interval, else the factor in its middle.
+
+    Args:
+        factor_log: Logarithm of the factor in the middle.
+        half: Half width of the interval of the logarithm.
+    """
+    usual = min(_USUAL_FACTORS, key=lambda factor: abs(math.log(factor) - factor_log))
+    return usual if abs(math.log(usual) - factor_log) < half else math.exp(factor_log)
 
 
 def measure_depth_scales(
@@ -189,6 +204,9 @@ def measure_depth_scales(
         recording: Recording with the images.
         gyros: Samples of the IMUs by topic.
         skipped: Topics of depth that are left out.
+
+    Returns:
+        Only cameras of which something is known.
     """
     known = recording.rig.cameras.values() if recording.has_rig else ()
     cameras = [camera for camera in known if camera.depth_topic not in skipped]
@@ -196,7 +214,7 @@ def measure_depth_scales(
     return {topic: scale for topic, scale in scales.items() if scale is not None}
 
 
-def find_implausible_views(recording: Recording, scales: Mapping[str, DepthScale]) -> Iterator[tuple[str, Implausible]]:
+def judge_depth_images(recording: Recording, scales: Mapping[str, DepthScale]) -> Iterator[tuple[str, Implausible]]:
     """Yields what distances and planes in some depth images show of the unit and the focal length.
 
     Args:
@@ -214,14 +232,10 @@ def find_implausible_views(recording: Recording, scales: Mapping[str, DepthScale
         if camera.depth_topic not in recording.topics or (is_focal_known and is_depth_known):
             continue
         try:
-            depths = _sample_depths(recording, camera)
+            depths = _read_some_depths(recording, camera)
         except StrideTwinError:  # a damaged image is a problem of its own
             continue
-        implausible = list(find_implausible_depth(depths, _units_per_metre(recording)))
-        if not implausible:
-            views = [find_planes(depth, camera) for depth in depths]
-            implausible = list(find_implausible_planes(views, camera, _units_per_metre(recording)))
-        for finding in implausible:
+        for finding in find_implausible_views(depths, camera, _units_per_metre(recording)):
             if not (is_focal_known if finding.field == FOCAL_FIELD else is_depth_known):
                 yield camera.depth_topic, finding
 
@@ -245,20 +259,20 @@ def measure_depth_scale(
     reference = _find_reference(recording, camera, gyros)
     size = int(np.clip(round(_RUN_S * recording.topics[camera.topic].rate_hz), *_RUN_IMAGES))
     windows = reference.choose_windows(size)[:_MOST_WINDOWS]
-    tracks: list[Tracks] = []
+    tracks: list[RunTracks] = []
     motion, focal = None, LogRatio(value=0.0, half=math.inf)
     for start in range(0, len(windows), _BATCH):
         for first in windows[start : start + _BATCH]:
             runs = track_features(recording, camera, first, size, _RUN_S)
             tracks += [run for run in runs if run.t_ns[-1] - run.t_ns[0] > _SHORTEST_RUN_S * 1e9]
         focal = measure_focal_by_images(tracks)
-        motion = _fit(reference, tracks, 1.0)
+        motion = _fit_scale(reference, tracks, 1.0)
         focal = focal if motion is None else focal.combine(motion.focal)
         is_right = not reference.topic if motion is None else motion.path.is_within(MARGIN_LOG)
         if is_right and focal.is_within(MARGIN_LOG):
             break
     if focal.is_beyond(WARNING_LOG):
-        motion = _fit(reference, tracks, 1.0 / focal.ratio)
+        motion = _fit_scale(reference, tracks, 1.0 / focal.ratio)
     if motion is None and math.isinf(focal.half):
         return None
     is_open = motion is not None and motion.is_beyond(WARNING_LOG) and not focal.is_beyond(WARNING_LOG)
@@ -267,14 +281,20 @@ def measure_depth_scale(
         camera=camera,
         motion=motion,
         focal=focal,
-        by_planes=_focal_by_planes(recording, camera) if is_open else None,
+        by_planes=_measure_focal_by_planes(recording, camera) if is_open else None,
         per_metre=_units_per_metre(recording),
         runs=len(tracks),
     )
 
 
-def _fit(reference: _Reference, tracks: Sequence[Tracks], focal_factor: float) -> MotionScale | None:
-    """Scale of the motion with the calibrated focal length times a factor; None if the paths do not agree."""
+def _fit_scale(reference: _Reference, tracks: Sequence[RunTracks], focal_factor: float) -> MotionScale | None:
+    """Scale of the motion with the calibrated focal length times a factor; None if the paths do not agree with it.
+
+    Args:
+        reference: What the motion is compared with.
+        tracks: Features of the runs.
+        focal_factor: The factor.
+    """
     paths = [path for run in tracks if (path := solve_path(run, focal_factor)) is not None]
     long = [path for path in paths if path.t_ns[-1] - path.t_ns[0] > _SHORTEST_RUN_S * 1e9]
     motion = fit_motion_scale(reference.compare(long))
@@ -312,20 +332,20 @@ def _has_images(recording: Recording, camera: CameraCalibration) -> bool:
 def _find_input_poses(recording: Recording, camera: CameraCalibration) -> str | None:
     """Topic of poses of the camera that are an input, not the truth: of a device, or of the layout of 7-Scenes."""
     topics = [f"{camera.topic}/odometry"]
-    if recording.metadata.get("imported_from") == _INPUT_POSES:
+    if recording.metadata.get(IMPORTED_FROM) == _INPUT_POSES:
         topics.append(f"/truth{camera.topic}/odometry")
     return next((t for t in topics if t in recording.topics and recording.topics[t].kind is Odometry), None)
 
 
 class _Reference:
-    """No reference: windows are spread over the recording.
+    """What a camera's motion is compared with; this class is for no reference, its subclasses are the others.
 
     Args:
         recording: Recording with the images.
         camera: The camera.
 
     Attributes:
-        topic: Topic of the reference.
+        topic: Topic of the reference; "" for none.
     """
 
     topic = ""
@@ -334,7 +354,10 @@ class _Reference:
         self._times = recording.image_times(camera.topic)
 
     def choose_windows(self, size: int) -> list[int]:
-        """Numbers of the first images of windows of a size, in the order in which they are to be read."""
+        """Numbers of the first images of windows of `size` images, in the order in which they are to be read.
+
+        Without a reference they are spread over the recording.
+        """
         starts = np.arange(0, len(self._times) - size + 1, size)
         spread = np.linspace(0, len(starts) - 1, min(len(starts), _MOST_WINDOWS)).round().astype(int)
         chosen = starts[spread].tolist()
@@ -365,11 +388,11 @@ class _ByImu(_Reference):
         self._reach_ns = round((float(SHIFTS_S[-1]) + abs(self._calibrated_s)) * 1e9)
 
     def choose_windows(self, size: int) -> list[int]:
-        """Numbers of the first images of windows, alternately with the most motion and the most rotation."""
+        """Numbers of the first images of windows of `size` images, alternately with the most motion and rotation."""
         motions, turns, starts = list[float](), list[float](), list[int]()
         step = max(size, len(self._times) // _MOST_CANDIDATES)
         for start in range(0, len(self._times) - size + 1, step):
-            inertial = self._integrate(int(self._times[start]), int(self._times[start + size - 1]))
+            inertial = self._find_inertial_path(int(self._times[start]), int(self._times[start + size - 1]))
             if inertial is not None:
                 starts.append(start)
                 motions.append(measure_motion_m(inertial))
@@ -379,8 +402,8 @@ class _ByImu(_Reference):
         return [starts[i] for i in order]
 
     def compare(self, paths: Sequence[CameraPath]) -> list[Run]:
-        """The runs at the shift of the clock at which they agree best; none if that is the largest one."""
-        inertials = [self._integrate(int(path.t_ns[0]), int(path.t_ns[-1])) for path in paths]
+        """The runs at the shift of the clock at which they agree best; empty if that is the first or last one tried."""
+        inertials = [self._find_inertial_path(int(path.t_ns[0]), int(path.t_ns[-1])) for path in paths]
         both = [(path, inertial) for path, inertial in zip(paths, inertials) if inertial is not None]
         best: list[Run] = []
         best_correlation, is_at_end = -math.inf, False
@@ -393,9 +416,12 @@ class _ByImu(_Reference):
                 best, best_correlation, is_at_end = runs, correlation, i in (0, len(SHIFTS_S) - 1)
         return [] if is_at_end else best
 
-    def _integrate(self, first_ns: int, last_ns: int) -> InertialPath | None:
-        """The IMU's path between two times of the camera, and as far beyond as clocks may differ."""
-        return integrate(self._imu, first_ns - self._reach_ns, last_ns + self._reach_ns)
+    def _find_inertial_path(self, first_ns: int, last_ns: int) -> InertialPath | None:
+        """The IMU's path between two times by the camera's clock, and as far beyond as both clocks may differ.
+
+        None where the IMU does not cover that, or has a gap.
+        """
+        return integrate_path(self._imu, first_ns - self._reach_ns, last_ns + self._reach_ns)
 
 
 class _ByPoses(_Reference):
@@ -417,7 +443,7 @@ class _ByPoses(_Reference):
         self._T[:, :3, :3], self._T[:, :3, 3] = from_quaternion(q[is_sound]), p[is_sound]
 
     def choose_windows(self, size: int) -> list[int]:
-        """Numbers of the first images of windows, those with the longest way first."""
+        """Numbers of the first images of windows of `size` images, those with the longest way first."""
         starts = list(range(0, len(self._times) - size + 1, size))
         if not len(self._t_ns) or not starts:
             return []
@@ -427,7 +453,7 @@ class _ByPoses(_Reference):
         return [starts[i] for i in np.argsort(way)[::-1].tolist()]
 
     def compare(self, paths: Sequence[CameraPath]) -> list[Run]:
-        """The runs, over the images that have a pose."""
+        """The runs of whose images each has a pose."""
         runs: list[Run] = []
         for path in paths:
             at = np.array([self._nearest(int(t)) for t in path.t_ns])
@@ -441,17 +467,19 @@ class _ByPoses(_Reference):
         return int(np.argmin(np.abs(self._t_ns - t_ns)))
 
 
-def _focal_by_planes(recording: Recording, camera: CameraCalibration) -> LogRatio | None:
+def _measure_focal_by_planes(recording: Recording, camera: CameraCalibration) -> LogRatio | None:
     """Calibrated focal length over that with which floor and walls are perpendicular; None without enough of them."""
-    views = [find_planes(depth, camera) for depth in _sample_depths(recording, camera)]
+    views = [find_planes(depth, camera) for depth in _read_some_depths(recording, camera)]
     ratio = measure_focal_ratio(views)
     return None if ratio is None else LogRatio(value=math.log(ratio.ratio), half=ratio.half_log)
 
 
-def _sample_depths(recording: Recording, camera: CameraCalibration) -> list[Array]:
-    """Some depth images (H, W), m, spread over a recording."""
-    count = len(recording.image_times(camera.depth_topic))
-    numbers = np.unique(np.linspace(0, count - 1, _PLANE_VIEWS).round().astype(int)).tolist()
-    images = recording.images(camera.depth_topic, numbers)
+def _read_some_depths(recording: Recording, camera: CameraCalibration) -> list[Array]:
+    """Some depth images (H, W), m, spread over a recording; those of another size than the calibrated one are left out.
+
+    Raises:
+        StrideTwinError: An image is damaged.
+    """
+    images = recording.images(camera.depth_topic, choose_views(len(recording.image_times(camera.depth_topic))))
     depths = [np.asarray(image.depth, float) for image in images if isinstance(image, Depth)]
     return [depth for depth in depths if depth.shape == (camera.height, camera.width)]

@@ -7,37 +7,29 @@ n points, all relative to the first image, so that errors do not add up along th
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypedDict
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from stridetwin.scenarios.image_features import (
+    Corners,
+    DepthImage,
+    Grey,
+    find_corners,
+    find_depth_pixels,
+    follow_corners,
+    read_depth,
+    read_small_grey,
+    to_full_size,
+)
 from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.rays import find_rays
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import CameraCalibration
-from stridetwin.streams.samples import Array, Depth, Image, Mask, Stamps
+from stridetwin.streams.samples import Array, Mask, Stamps
 
-Grey = NDArray[np.uint8]
-"""(H, W) grey image."""
-DepthImage = NDArray[np.float32]
-"""(H, W) depths, m; 0 where the camera measured none."""
-
-
-class _FlowOptions(TypedDict):
-    """Options of the optical flow of Lucas and Kanade: size of a window, and the topmost level of the pyramid."""
-
-    winSize: tuple[int, int]
-    maxLevel: int
-
-
-_WIDTH = 400
-"""Most pixels across of the images that are tracked."""
 _FEATURES, _FEWEST_FEATURES = 200, 15
 """Most features of a run, and the number below which it ends."""
-_CORNER_QUALITY, _CORNER_SPACING_PX = 0.01, 8
-"""Least strength of a corner relative to the strongest one, and least distance of two corners."""
-_LK: _FlowOptions = {"winSize": (15, 15), "maxLevel": 3}
 _SURFACE_PX = 2
 """Pixels around a feature that have to be on one surface."""
 _BEND_SHARE, _SLANT_SHARE = 0.1, 0.3
@@ -46,6 +38,7 @@ one another by less than this: twice the noise of stereo depth at 5 m, and a flo
 _INLIER_PX = 2.5
 """Largest residual of an inlier, px of the tracked image: 2 % of noise in depth after a way of half the depth."""
 _RANSAC_ROUNDS = 60
+"""Samples of features from which RANSAC tries a pose."""
 _MOST_POSES = 20
 """Most images of a run whose pose is computed, spread over it: 16 Hz for steps at 2 Hz."""
 _MOST_APART_S = 0.02
@@ -53,12 +46,12 @@ _MOST_APART_S = 0.02
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Tracks:
-    """N features of a run of K images.
+class RunTracks:
+    """N features of a run of K images, all of which the run's first image has; the calibration of the lens is in them.
 
     Attributes:
         t_ns: (K,) stamps of the images.
-        depth: (N,) depths in the first image, m as recorded.
+        depth: (N,) depths in the first image, m by the recorded unit.
         rays: (K, N, 2) normalised image coordinates x / z and y / z by the calibration.
         is_tracked: (K, N) whether a feature has been followed up to an image.
         pixel: Size of a pixel of the tracked images in normalised coordinates.
@@ -77,8 +70,9 @@ class CameraPath:
 
     Attributes:
         t_ns: (K,) stamps of the images, the first one's pose is the identity.
-        R_first_camera: (K, 3, 3) rotations.
-        p_camera_in_first: (K, 3) m as recorded: wrong by the factor by which the depths are.
+        R_first_camera: (K, 3, 3) rotations of the camera's axes at an image into those at the first one.
+        p_camera_in_first: (K, 3) positions in the first image's axes, m by the recorded unit of depth: wrong by the
+            factor by which the depths are.
     """
 
     t_ns: Stamps
@@ -88,7 +82,7 @@ class CameraPath:
 
 def track_features(
     recording: Recording, camera: CameraCalibration, first: int, count: int, longest_s: float
-) -> list[Tracks]:
+) -> list[RunTracks]:
     """Tracks features through some images of a depth camera, in one or several runs.
 
     A run ends after `longest_s`, or when too few features are left; the next one begins with its last image.
@@ -104,16 +98,16 @@ def track_features(
         The runs; none from a damaged image on, which is a problem of its own.
     """
     times = recording.image_times(camera.topic)[first : first + count]
-    runs: list[Tracks] = []
+    runs: list[RunTracks] = []
     try:
         run: _Run | None = None
         for number, t_ns in enumerate(times.tolist(), first):
-            grey = _to_small_grey(recording.images(camera.topic, [number])[0])
+            grey = read_small_grey(recording, camera, number)
             if run is not None and run.follow(grey, t_ns) and t_ns - run.t_ns[0] < longest_s * 1e9:
                 continue
             if run is not None and len(run.t_ns) > 1:
                 runs.append(run.to_tracks())
-            depth = _read_depth(recording, camera, t_ns)
+            depth = _read_nearest_depth(recording, camera, t_ns)
             run = None if depth is None else _begin_run(camera, grey, depth, t_ns)
         if run is not None and len(run.t_ns) > 1:
             runs.append(run.to_tracks())
@@ -122,15 +116,16 @@ def track_features(
     return runs
 
 
-def solve_path(tracks: Tracks, focal_factor: float = 1.0) -> CameraPath | None:
-    """Poses of the camera by perspective from n points (RANSAC, then least squares over the inliers).
+def solve_path(tracks: RunTracks, focal_factor: float = 1.0) -> CameraPath | None:
+    """Poses of the camera along a run by perspective from n points (RANSAC, then least squares over the inliers).
 
     Args:
         tracks: The features.
         focal_factor: By which the calibrated focal lengths are multiplied.
 
     Returns:
-        Poses of up to twenty images in which enough features fit; None if fewer than three do.
+        Poses of the first image and of up to `_MOST_POSES` others in which enough features fit; None if these are fewer
+        than two.
     """
     rays = tracks.rays / focal_factor
     points = np.column_stack((rays[0], np.ones(len(tracks.depth)))) * tracks.depth[:, None]  # (N, 3) m
@@ -158,8 +153,8 @@ def _solve_pose(points: Array, rays: Array, pixel: float, guess: tuple[Array, Ar
     """Rotation vector and translation (3, 1) that take points into the camera's axes; None with too few inliers.
 
     Args:
-        points: (P, 3) m.
-        rays: (P, 2) normalised image coordinates.
+        points: (P, 3) m, in the axes of the run's first image.
+        rays: (P, 2) normalised image coordinates in this image.
         pixel: Size of a pixel in them.
         guess: Rotation vector and translation of the image before.
     """
@@ -187,9 +182,20 @@ def _solve_pose(points: Array, rays: Array, pixel: float, guess: tuple[Array, Ar
 
 
 class _Run:
-    """Features that are followed through a run of images."""
+    """Features that are followed through a run of images.
 
-    def __init__(self, camera: CameraCalibration, grey: Grey, corners: NDArray[np.float32], depth: Array, t_ns: int):
+    Args:
+        camera: Calibration of the camera.
+        grey: First image of the run, reduced.
+        corners: (N, 2) px, the features in it.
+        depth: (N,) their depths, m.
+        t_ns: Stamp of the image.
+
+    Attributes:
+        t_ns: Stamps of the images so far.
+    """
+
+    def __init__(self, camera: CameraCalibration, grey: Grey, corners: Corners, depth: Array, t_ns: int) -> None:
         self._camera, self._grey, self._depth = camera, grey, depth
         self._corners, self._is_tracked = corners, np.ones(len(corners), bool)  # (N, 2) px in the last image
         self._pixels, self._masks = [corners], [self._is_tracked]
@@ -197,12 +203,10 @@ class _Run:
 
     def follow(self, grey: Grey, t_ns: int) -> bool:
         """Adds the next image; False, and nothing is added, if too few features are left in it."""
-        before = self._corners.reshape(-1, 1, 2)
-        after, status, _ = cv2.calcOpticalFlowPyrLK(self._grey, grey, before, np.zeros_like(before), **_LK)
-        corners = np.asarray(after, np.float32).reshape(-1, 2)
+        corners, is_followed = follow_corners(self._grey, grey, self._corners)
         height, width = grey.shape
         is_inside = np.all((corners >= 0) & (corners <= (width - 1, height - 1)), axis=1)
-        is_tracked = self._is_tracked & (status.ravel() == 1) & is_inside
+        is_tracked = self._is_tracked & is_followed & is_inside
         if np.count_nonzero(is_tracked) < _FEWEST_FEATURES:
             return False
         self._grey, self._corners, self._is_tracked = grey, corners, is_tracked
@@ -211,11 +215,11 @@ class _Run:
         self.t_ns.append(t_ns)
         return True
 
-    def to_tracks(self) -> Tracks:
-        """The run's features without distortion."""
+    def to_tracks(self) -> RunTracks:
+        """The run's features as normalised image coordinates."""
         scale = self._grey.shape[1] / self._camera.width
-        rays = _to_rays(np.concatenate(self._pixels), self._camera, scale)
-        return Tracks(
+        rays = find_rays(to_full_size(np.concatenate(self._pixels), scale), self._camera)
+        return RunTracks(
             t_ns=np.array(self.t_ns, np.int64),
             depth=self._depth,
             rays=rays.reshape(len(self._pixels), -1, 2),
@@ -227,47 +231,34 @@ class _Run:
 def _begin_run(camera: CameraCalibration, grey: Grey, depth: DepthImage, t_ns: int) -> _Run | None:
     """A run that begins with an image and its depth; None if too few corners lie on a surface of known depth."""
     scale = grey.shape[1] / camera.width
-    corners = cv2.goodFeaturesToTrack(grey, _FEATURES, _CORNER_QUALITY, _CORNER_SPACING_PX)
-    if corners is None:
-        return None
-    pixels = np.asarray(corners, np.float32).reshape(-1, 2)
-    depths = _depths_of_surfaces(depth, pixels, scale)
+    corners = find_corners(grey, _FEATURES)
+    depths = _depths_of_surfaces(depth, corners, scale)
     has_depth = depths > 0.0
     if np.count_nonzero(has_depth) < _FEWEST_FEATURES:
         return None
-    return _Run(camera, grey, pixels[has_depth], depths[has_depth], t_ns)
+    return _Run(camera, grey, corners[has_depth], depths[has_depth], t_ns)
 
 
-def _read_depth(recording: Recording, camera: CameraCalibration, t_ns: int) -> DepthImage | None:
+def _read_nearest_depth(recording: Recording, camera: CameraCalibration, t_ns: int) -> DepthImage | None:
     """(H, W) depth image nearest to a time, m; None if none is near."""
     times = recording.image_times(camera.depth_topic)
     at = int(np.argmin(np.abs(times - t_ns)))
     if abs(int(times[at]) - t_ns) > _MOST_APART_S * 1e9:
         return None
-    image = recording.images(camera.depth_topic, [at])[0]
-    return image.depth if isinstance(image, Depth) else None
+    return read_depth(recording, camera, at)
 
 
-def _to_small_grey(image: Image | Depth) -> Grey:
-    """The image in grey, reduced to at most `_WIDTH` pixels across."""
-    assert isinstance(image, Image)  # a camera's topic has no depth images
-    pixels = image.pixels if image.pixels.ndim == 2 else cv2.cvtColor(image.pixels, cv2.COLOR_RGB2GRAY)
-    scale = min(1.0, _WIDTH / pixels.shape[1])
-    return np.asarray(cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
-
-
-def _depths_of_surfaces(depth: DepthImage, corners: NDArray[np.float32], scale: float) -> Array:
+def _depths_of_surfaces(depth: DepthImage, corners: Corners, scale: float) -> Array:
     """(N,) depths at N corners, m; 0 for those without depth or beside a discontinuity.
 
     Args:
         depth: (H, W) m.
         corners: (N, 2) pixels in the tracked, smaller image.
-        scale: Width of that image relative to the depth image; pixel centres are at whole numbers.
+        scale: Width of that image relative to the depth image.
     """
     r = _SURFACE_PX
     height, width = depth.shape
-    # (N, 2) column and row in the depth image; 0.5 moves from the centre of a pixel to its corner and back
-    at = np.rint((corners + 0.5) / scale - 0.5).astype(int)
+    at = find_depth_pixels(corners, scale)
     is_inside = np.all((at >= r) & (at < (width - r, height - r)), axis=1)
     columns, rows = at[:, 0].clip(r, width - r - 1), at[:, 1].clip(r, height - r - 1)
     around = np.stack([depth[rows + i, columns + j] for i in range(-r, r + 1) for j in range(-r, r + 1)], axis=-1)
@@ -277,16 +268,3 @@ def _depths_of_surfaces(depth: DepthImage, corners: NDArray[np.float32], scale: 
     mean = inverse.mean(axis=1)
     is_surface = has_depth & (bend < _BEND_SHARE * mean) & (np.ptp(inverse, axis=1) < _SLANT_SHARE * mean)
     return np.where(is_surface, 1.0 / mean, 0.0).astype(float)
-
-
-def _to_rays(pixels: NDArray[np.float32], camera: CameraCalibration, scale: float) -> Array:
-    """(N, 2) normalised image coordinates (x / z, y / z) without distortion.
-
-    Args:
-        pixels: (N, 2) pixels in the tracked, smaller image.
-        camera: Calibration of the camera.
-        scale: Width of that image relative to the camera's own; pixel centres are at whole numbers.
-    """
-    points = (pixels.reshape(-1, 1, 2).astype(np.float64) + 0.5) / scale - 0.5
-    undistort = cv2.fisheye.undistortPoints if camera.distortion_model == "equidistant" else cv2.undistortPoints
-    return np.asarray(undistort(points, camera.K, np.array(camera.distortion)), float).reshape(-1, 2)

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.scenarios.depth_tracks import Tracks, solve_path
+from stridetwin.scenarios.depth_tracks import RunTracks, solve_path
 from stridetwin.scenarios.motion_scale import LogRatio, jackknife
 from stridetwin.streams.algebra.arrays import exp, hat
 from stridetwin.streams.samples import Array
@@ -32,22 +32,27 @@ _DAMPING = 1e-6
 """Of the least squares, relative to their diagonal."""
 
 
-def measure_focal_by_images(runs: Sequence[Tracks]) -> LogRatio:
+def measure_focal_by_images(runs: Sequence[RunTracks]) -> LogRatio:
     """Calibrated focal length over that with which the features of some runs fit best, with an interval by a jackknife.
 
-    It is unknown (an infinite interval) with too few runs, without rotation, or with the best one at the end.
+    Args:
+        runs: Features of each run.
+
+    Returns:
+        The ratio; unknown (an infinite interval) with too few runs, without rotation, or if the best one is at the end
+        of those that are compared.
     """
-    costs = np.array([cost for run in runs if (cost := _costs(run)) is not None])
+    costs = np.array([cost for run in runs if (cost := _find_costs(run)) is not None])
     if len(costs) < _FEWEST_RUNS:
         return LogRatio(value=0.0, half=math.inf)
     # runs without rotation know nothing: they do not count as further evidence
     contrast = np.ptp(costs, axis=1)
     effective = float(contrast.sum() ** 2 / (np.sum(contrast**2) + 1e-30))
-    return jackknife(costs, _minimum, freedom=effective - 1.0)
+    return jackknife(costs, _find_minimum, freedom=effective - 1.0)
 
 
-def _minimum(costs: Array) -> float:
-    """Logarithm of the ratio at the least of (F,) costs, by a parabola; NaN if it is the first or the last."""
+def _find_minimum(costs: Array) -> float:
+    """Logarithm of the ratio at the least of the costs (F,) at `_RATIOS_LOG`, by a parabola; NaN if it is at an end."""
     at = int(np.argmin(costs))
     if at in (0, len(costs) - 1):
         return math.nan
@@ -57,8 +62,11 @@ def _minimum(costs: Array) -> float:
     return float(_RATIOS_LOG[at] + offset)
 
 
-def _costs(run: Tracks) -> Array | None:
-    """(F,) costs of the best poses with each focal length; None for a run of too few features."""
+def _find_costs(run: RunTracks) -> Array | None:
+    """(F,) mean robust squared residual of the best poses at each of F ratios (`_RATIOS_LOG`) of focal lengths.
+
+    In squared pixels of the tracked images. None for a run of too few features.
+    """
     path = solve_path(run)
     if path is None:
         return None
@@ -78,7 +86,7 @@ def _costs(run: Tracks) -> Array | None:
 
 
 def _fit_poses(
-    run: Tracks, chosen: NDArray[np.intp], weights: Array, ratio: float, start: tuple[Array, Array]
+    run: RunTracks, chosen: NDArray[np.intp], weights: Array, ratio: float, start: tuple[Array, Array]
 ) -> tuple[Array, Array, float]:
     """Poses of some images that fit best with a focal length, and their cost.
 
@@ -90,7 +98,8 @@ def _fit_poses(
         start: (I, 3, 3) rotations and (I, 3) translations, m, from the first image's axes to each image's.
 
     Returns:
-        The same at the minimum, and the mean robust squared residual, px².
+        Rotations and translations at the minimum, and the mean robust squared residual there, in squared pixels of the
+        tracked images.
     """
     points = np.column_stack((run.rays[0] * ratio, np.ones(len(run.depth)))) * run.depth[:, None]
     seen, pixel = run.rays[chosen] * ratio, run.pixel * ratio

@@ -9,48 +9,40 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypedDict
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.scenarios.image_features import (
+    Corners,
+    DepthImage,
+    Grey,
+    find_corners,
+    find_depth_pixels,
+    follow_corners,
+    read_depth,
+    read_small_grey,
+    to_full_size,
+)
 from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.rays import find_rays
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import CameraCalibration
-from stridetwin.streams.samples import Array, Depth, Image
+from stridetwin.streams.samples import Array
 
-Grey = NDArray[np.uint8]
-"""(H, W) grey image."""
-DepthImage = NDArray[np.float32]
-"""(H, W) depths, m; 0 where the camera measured none."""
-
-
-class _FlowOptions(TypedDict):
-    """Options of the optical flow of Lucas and Kanade: size of a window, and the topmost level of the pyramid."""
-
-    winSize: tuple[int, int]
-    maxLevel: int
-
-
-_WIDTH = 400  # px of the images that are tracked
 _FEATURES, _REPLACED_BELOW, _MIN_TRACKS = 150, 100, 20
 """Most features that are looked for, the number below which new ones replace them, and the number below which no
 rotation is estimated."""
-_CORNER_QUALITY, _CORNER_SPACING_PX = 0.01, 8
-"""Least strength of a corner relative to the strongest one, and least distance of two corners."""
-_LK: _FlowOptions = {"winSize": (15, 15), "maxLevel": 3}
 _STATIONARY_PX, _ROTATION_PX, _INLIER_PX = 0.1, 0.15, 0.7
 """Median motion of the features below which the camera is at rest; median residual below which a rotation alone
-explains them; and largest residual of an inlier."""
-
-
+explains them; and largest residual of an inlier; all in pixels of the tracked images."""
 _FARTHEST = 1e4
 """Distance of a feature, in multiples of the motion between two images, up to which it tells front from back."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Tracks:
+class PairTracks:
     """Features that were tracked from one image to the next, which hold for any calibration of the camera.
 
     Attributes:
@@ -77,11 +69,11 @@ class Tracks:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rates:
-    """Mean rotation rates of a camera between N pairs of consecutive images.
+    """Mean rotation rates of a camera between the images of N pairs.
 
     Attributes:
         t_ns: (N, 2) stamps of both images.
-        rate: (N, 3) rad/s, in the camera's axes.
+        rate: (N, 3) rad/s, in the camera's optical axes.
         shift: (N, 3) m, where the camera is at the second image, in its axes at the first; NaN without depth.
         depth: (N,) m, median depth of the features; NaN without depth.
     """
@@ -107,7 +99,7 @@ def rotation_rates(recording: Recording, camera: CameraCalibration, first: int, 
     return estimate_rates(camera, track_segment(recording, camera, first, count))
 
 
-def track_segment(recording: Recording, camera: CameraCalibration, first: int, count: int) -> list[Tracks]:
+def track_segment(recording: Recording, camera: CameraCalibration, first: int, count: int) -> list[PairTracks]:
     """Tracks features through one segment of a camera's images.
 
     Args:
@@ -123,21 +115,22 @@ def track_segment(recording: Recording, camera: CameraCalibration, first: int, c
     times = recording.image_times(camera.topic)[first : first + count].tolist()
     depth_at = _depth_numbers(recording, camera)
     features = _Features(camera.width)
-    pairs = list[Tracks]()
+    pairs = list[PairTracks]()
     before = None  # stamp, grey image and depth image of the image before
     try:
         for number, t_ns in enumerate(times, first):
-            grey = _to_small_grey(recording.images(camera.topic, [number])[0])
+            grey = read_small_grey(recording, camera, number)
             if before is not None:
                 tracks = features.track(before[1], grey, before[2], (before[0], t_ns))
                 pairs += [] if tracks is None else [tracks]
-            before = t_ns, grey, _read_depth(recording, camera, depth_at.get(t_ns))
+            depth_number = depth_at.get(t_ns)
+            before = t_ns, grey, None if depth_number is None else read_depth(recording, camera, depth_number)
     except StrideTwinError:  # a damaged image
         return []
     return pairs
 
 
-def estimate_rates(camera: CameraCalibration, pairs: Sequence[Tracks]) -> Rates | None:
+def estimate_rates(camera: CameraCalibration, pairs: Sequence[PairTracks]) -> Rates | None:
     """The rates of a camera with a given calibration from the tracks of pairs of images.
 
     Args:
@@ -165,7 +158,7 @@ def estimate_rates(camera: CameraCalibration, pairs: Sequence[Tracks]) -> Rates 
     )
 
 
-def _find_rates_at_images(pairs: Sequence[Tracks], motions: Sequence[tuple[Array, Array] | None]) -> list[Array]:
+def _find_rates_at_images(pairs: Sequence[PairTracks], motions: Sequence[tuple[Array, Array] | None]) -> list[Array]:
     """(2, 3) rotation rates at both images of each pair, rad/s: means of the pairs before and after each image.
 
     A pair without a known motion, or with one that none is beside, counts as the one at hand, or as at rest.
@@ -202,20 +195,6 @@ def _depth_numbers(recording: Recording, camera: CameraCalibration) -> dict[int,
     return {t: i for i, t in enumerate(recording.image_times(camera.depth_topic).tolist())}
 
 
-def _read_depth(recording: Recording, camera: CameraCalibration, number: int | None) -> DepthImage | None:
-    """(H, W) depth image by its number, m; None without a number."""
-    image = None if number is None else recording.images(camera.depth_topic, [number])[0]
-    return image.depth if isinstance(image, Depth) else None
-
-
-def _to_small_grey(image: Image | Depth) -> Grey:
-    """The image in grey, reduced to at most `_WIDTH` pixels across."""
-    assert isinstance(image, Image)  # a camera's topic has no depth images
-    pixels = image.pixels if image.pixels.ndim == 2 else cv2.cvtColor(image.pixels, cv2.COLOR_RGB2GRAY)
-    scale = min(1.0, _WIDTH / pixels.shape[1])
-    return np.asarray(cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
-
-
 class _Features:
     """Features that are tracked through a segment; they are replaced when too few are left.
 
@@ -226,9 +205,9 @@ class _Features:
     def __init__(self, width: int) -> None:
         """Starts without features, for images `width` pixels across before they are reduced."""
         self._width = width
-        self._tracked: NDArray[np.float32] = np.zeros((0, 1, 2), np.float32)  # pixels in the last image
+        self._tracked: Corners = np.zeros((0, 2), np.float32)  # pixels in the last image
 
-    def track(self, a: Grey, b: Grey, depth: DepthImage | None, t_ns: tuple[int, int]) -> Tracks | None:
+    def track(self, a: Grey, b: Grey, depth: DepthImage | None, t_ns: tuple[int, int]) -> PairTracks | None:
         """Tracks the features from one image to the next.
 
         Args:
@@ -241,27 +220,24 @@ class _Features:
             None if too few features could be tracked.
         """
         if len(self._tracked) < _REPLACED_BELOW:
-            corners = cv2.goodFeaturesToTrack(a, _FEATURES, _CORNER_QUALITY, _CORNER_SPACING_PX)
-            self._tracked = np.asarray([] if corners is None else corners, np.float32).reshape(-1, 1, 2)
+            self._tracked = find_corners(a, _FEATURES)
         if len(self._tracked) < _MIN_TRACKS:
             return None
-        # pixels of the features in the next image, and 1 for each one that was tracked
-        tracked, is_found, _ = cv2.calcOpticalFlowPyrLK(a, b, self._tracked, np.zeros_like(self._tracked), **_LK)
-        is_tracked = np.ravel(is_found) == 1
+        tracked, is_tracked = follow_corners(a, b, self._tracked)
         before, self._tracked = self._tracked[is_tracked], tracked[is_tracked]
         if len(before) < _MIN_TRACKS:
             return None
         scale = a.shape[1] / self._width  # the tracked images are smaller than the camera's
-        return Tracks(
+        return PairTracks(
             t_ns=t_ns,
-            before=_to_full_size(before, scale),
-            after=_to_full_size(self._tracked, scale),
+            before=to_full_size(before, scale),
+            after=to_full_size(self._tracked, scale),
             depth=None if depth is None else _depth_at(depth, before, scale),
             tracked_px=1.0 / scale,
         )
 
 
-def _estimate_motion(camera: CameraCalibration, tracks: Tracks, rates: Array) -> tuple[Array, Array] | None:
+def _estimate_motion(camera: CameraCalibration, tracks: PairTracks, rates: Array) -> tuple[Array, Array] | None:
     """Motion of a camera from one image to the next.
 
     Without motion in the image it is 0. Otherwise the rotation comes from the first of these that succeeds: with depth,
@@ -357,33 +333,14 @@ def _motion_from_pnp(x: Array, y: Array, z: Array, pixel: float) -> tuple[Array,
     return np.asarray(cv2.Rodrigues(rotation)[0], float), np.asarray(translation, float).ravel()
 
 
-def _depth_at(depth: DepthImage, corners: NDArray[np.float32], scale: float) -> Array:
+def _depth_at(depth: DepthImage, corners: Corners, scale: float) -> Array:
     """(N,) depths at N features, m; 0 where the camera measured none.
 
     Args:
         depth: (H, W) depths, m.
-        corners: (N, 1, 2) pixels of the features in the tracked, smaller image.
-        scale: Width of that image relative to the depth image; pixel centres are at whole numbers.
+        corners: (N, 2) pixels of the features in the tracked, smaller image.
+        scale: Width of that image relative to the depth image.
     """
-    # (N, 2) column and row in the depth image; 0.5 moves from the centre of a pixel to its corner and back
-    at = np.rint((corners.reshape(-1, 2) + 0.5) / scale - 0.5).astype(int)
+    at = find_depth_pixels(corners, scale)
     height, width = depth.shape
     return np.asarray(depth[at[:, 1].clip(0, height - 1), at[:, 0].clip(0, width - 1)], float)
-
-
-def _to_full_size(pixels: NDArray[np.float32], scale: float) -> Array:
-    """(N, 2) pixels at the camera's own resolution.
-
-    Args:
-        pixels: (N, 1, 2) pixels in the tracked, smaller image.
-        scale: Width of that image relative to the camera's own; pixel centres are at whole numbers.
-    """
-    # 0.5 moves from the centre of a pixel to its corner and back
-    return np.asarray((pixels.reshape(-1, 2).astype(np.float64) + 0.5) / scale - 0.5)
-
-
-def find_rays(pixels: Array, camera: CameraCalibration) -> Array:
-    """(N, 2) normalised image coordinates (x / z, y / z), without distortion, of pixels (N, 2) of a camera."""
-    undistort = cv2.fisheye.undistortPoints if camera.distortion_model == "equidistant" else cv2.undistortPoints
-    points = pixels.reshape(-1, 1, 2)
-    return np.asarray(undistort(points, camera.K, np.array(camera.distortion)), float).reshape(-1, 2)

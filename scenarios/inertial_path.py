@@ -1,4 +1,4 @@
-"""Path of an IMU over a second, by its samples alone.
+"""Path of an IMU over about a second, by its samples alone.
 
 Without start speed and gravity the path lacks a polynomial of time of the second degree, and a bias of the gyro turns
 gravity by another power of it. Without that polynomial, it is what steps and gestures move the sensor.
@@ -13,6 +13,7 @@ import numpy as np
 
 from stridetwin.streams.algebra.arrays import exp, log
 from stridetwin.streams.samples import Array, Block, Imu, Stamps
+from stridetwin.streams.time_series import accumulate
 
 DEGREE = 3
 """Degree of the polynomial of time that is taken out: start, speed, gravity with the accelerometer's bias, and what the
@@ -26,9 +27,10 @@ class InertialPath:
     """Path of an IMU by its samples alone, from rest and without gravity: it lacks a polynomial of time.
 
     Attributes:
-        t_ns: (M,) stamps.
-        rotation_rad: (M, 3) rotation vectors to the axes at the start.
-        p_imu_in_start: (M, 3) m.
+        t_ns: (M,) stamps of the samples, by the IMU's clock.
+        rotation_rad: (M, 3) rotation vectors of `R_start_imu`, which takes the IMU's axes at a stamp into those at the
+            first one.
+        p_imu_in_start: (M, 3) positions in the IMU's axes at the first stamp, m.
     """
 
     t_ns: Stamps
@@ -36,19 +38,22 @@ class InertialPath:
     p_imu_in_start: Array
 
 
-def integrate(imu: Block[Imu], first_ns: int, last_ns: int) -> InertialPath | None:
+def integrate_path(imu: Block[Imu], first_ns: int, last_ns: int) -> InertialPath | None:
     """The path of an IMU by its samples from one time to another; None if they do not cover it, or have a gap.
 
+    The rotation of each step is applied at once, the force in the axes at the middle of its step.
+
     Args:
-        imu: All samples.
-        first_ns: Begin.
-        last_ns: End.
+        imu: All samples of the IMU, each a mean over the interval that ends at its stamp.
+        first_ns: Begin of the path, by the IMU's clock.
+        last_ns: End of the path; the samples at or beyond both ends are part of it.
     """
     start, stop = int(np.searchsorted(imu.t_ns, first_ns, "right")) - 1, int(np.searchsorted(imu.t_ns, last_ns)) + 1
     if start < 0 or stop > len(imu.t_ns):
         return None
     t_ns = imu.t_ns[start:stop]
-    dt = np.diff(t_ns)[:, None] * 1e-9
+    steps = np.diff(t_ns) * 1e-9  # (M - 1,) s
+    dt = steps[:, None]
     rate, force = (imu.columns[name][start + 1 : stop] for name in ("angular_rate", "specific_force"))
     if not len(dt) or dt.max() > _LONGEST_STEP_S or not (np.isfinite(rate).all() and np.isfinite(force).all()):
         return None
@@ -58,19 +63,24 @@ def integrate(imu: Block[Imu], first_ns: int, last_ns: int) -> InertialPath | No
     for i, turn in enumerate(turns):
         R[i + 1] = R[i] @ turn
     a = np.einsum("nij,njk,nk->ni", R[:-1], halves, force)
-    v = np.vstack((np.zeros(3), np.cumsum(a * dt, axis=0)))  # (M, 3) at the samples
-    p = np.vstack((np.zeros(3), np.cumsum((v[:-1] + a * dt / 2) * dt, axis=0)))
+    v = accumulate(steps, a)  # (M, 3) m/s, at the samples
+    p = accumulate(steps, v[:-1] + a * dt / 2)
     return InertialPath(t_ns=t_ns, rotation_rad=log(R), p_imu_in_start=p)
 
 
 def measure_motion_m(inertial: InertialPath) -> float:
     """Standard deviation, m, of an inertial path without a polynomial of time: how much there is to compare."""
-    without = polynomial_remover((inertial.t_ns - inertial.t_ns[0]) * 1e-9, DEGREE)
+    without = build_polynomial_remover((inertial.t_ns - inertial.t_ns[0]) * 1e-9, DEGREE)
     return float(np.sqrt(np.mean(np.sum(without(inertial.p_imu_in_start) ** 2, axis=1))))
 
 
-def polynomial_remover(t: Array, degree: int) -> Callable[[Array], Array]:
-    """A function that takes the best polynomial of the times t (K,) out of each column of (K, ...) values."""
+def build_polynomial_remover(t: Array, degree: int) -> Callable[[Array], Array]:
+    """A function that takes out of each column of (K, D) values the polynomial of time that fits it best.
+
+    Args:
+        t: (K,) times of the values, s.
+        degree: Of the polynomial.
+    """
     middle, span = (t[0] + t[-1]) / 2, max(t[-1] - t[0], 1e-9)
     basis, _ = np.linalg.qr(np.vander(2 * (t - middle) / span, degree + 1))
     return lambda values: values - basis @ (basis.T @ values)

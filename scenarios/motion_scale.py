@@ -16,9 +16,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from stridetwin.scenarios.depth_tracks import CameraPath
-from stridetwin.scenarios.inertial_path import DEGREE, InertialPath, polynomial_remover
+from stridetwin.scenarios.inertial_path import DEGREE, InertialPath, build_polynomial_remover
+from stridetwin.scenarios.intervals import student_quantile
 from stridetwin.streams.algebra.arrays import exp
 from stridetwin.streams.samples import Array
+from stridetwin.streams.time_series import interpolate
 
 SHIFTS_S = np.arange(-0.15, 0.1501, 0.01)
 """Shifts of the camera's clock against the IMU's that are tried, in addition to the calibrated one."""
@@ -37,8 +39,6 @@ _LEAST_SD_M = 0.0005
 """Least standard deviation of a position by the images."""
 _MODEL_SD_LOG = 0.015
 """Error that the runs share: scale of an uncalibrated accelerometer, and of depth."""
-_NORMAL_975 = 1.959964
-"""Quantile of the standard normal distribution."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -46,9 +46,10 @@ class Run:
     """A run's path by the camera and by the reference, without what the reference does not know.
 
     Attributes:
-        seen_m: (K, 3) camera's path by its images, in the axes of the run's first image.
-        reference_m: (K, 3) the same by the reference.
-        lever: (K, 3, 3) how an offset of the camera in its axes, m, would change the reference; 0 for given poses.
+        seen_m: (K, 3) camera's path by its images, in the camera's axes at the run's first image.
+        reference_m: (K, 3) the same by the reference, in the same axes.
+        lever: (K, 3, 3) change of `reference_m` per metre by which the camera is displaced along each of its own axes;
+            0 for given poses.
     """
 
     seen_m: Array
@@ -58,7 +59,12 @@ class Run:
 
 @dataclass(frozen=True, kw_only=True)
 class LogRatio:
-    """Logarithm of a ratio, with the half width of its 95 % interval, which is infinite where nothing is known."""
+    """Natural logarithm of a ratio, with an interval.
+
+    Attributes:
+        value: The logarithm.
+        half: Half width of its 95 % interval; infinite where nothing is known.
+    """
 
     value: float
     half: float
@@ -98,10 +104,10 @@ class MotionScale:
     """Scale of a camera's motion against a reference.
 
     Attributes:
-        path: Length of the camera's path over that of the reference.
-        sideways: The same across the optical axis.
+        path: Length of the camera's path over that of the reference: the factor by which its depths are too large.
+        sideways: The same across the optical axis of the run's first image.
         focal: Calibrated focal length over the one with which both parts of the path have one scale.
-        correlation: Of both paths.
+        correlation: Of both paths, 1 where they agree but for the scale.
         runs: Number of runs.
     """
 
@@ -122,22 +128,22 @@ class MotionScale:
 
 
 def compare_with_imu(path: CameraPath, inertial: InertialPath, T_imu_camera: Array, shift_s: float) -> Run:
-    """The camera's path and that of an IMU on its body, without polynomials of time.
+    """The camera's path by its images and by an IMU on its body, both without a polynomial of time (`DEGREE`).
 
     Args:
         path: By the images.
-        inertial: By the IMU, which covers the images' times.
+        inertial: By the IMU; it covers the images' times.
         T_imu_camera: (4, 4) m, pose of the camera in the IMU's frame.
-        shift_s: t_imu = t_camera + shift.
+        shift_s: t_imu = t_camera + shift, s.
     """
     t = (inertial.t_ns - inertial.t_ns[0]) * 1e-9
     at = (path.t_ns - inertial.t_ns[0]) * 1e-9 + shift_s
-    R = exp(_interpolate(at, t, inertial.rotation_rad))
-    p = _interpolate(at, t, inertial.p_imu_in_start) + R @ T_imu_camera[:3, 3]
+    R = exp(interpolate(at, t, inertial.rotation_rad))
+    p = interpolate(at, t, inertial.p_imu_in_start) + R @ T_imu_camera[:3, 3]
     R_start_camera = R @ T_imu_camera[:3, :3]
     reference = p @ R_start_camera[0]  # in the axes of the first image
     R_first_camera = R_start_camera[0].T @ R_start_camera
-    without_polynomial = polynomial_remover(at, DEGREE)
+    without_polynomial = build_polynomial_remover(at, DEGREE)
     return Run(
         seen_m=without_polynomial(path.p_camera_in_first),
         reference_m=without_polynomial(reference),
@@ -146,18 +152,18 @@ def compare_with_imu(path: CameraPath, inertial: InertialPath, T_imu_camera: Arr
 
 
 def compare_with_poses(path: CameraPath, T_world_camera: Array) -> Run:
-    """The camera's path and given poses.
+    """The camera's path by its images and by given poses, both in the camera's axes at the first image.
 
     Args:
         path: By the images.
-        T_world_camera: (K, 4, 4) given poses at the images' times, m.
+        T_world_camera: (K, 4, 4) m, given poses of the camera at the images' times.
     """
     T = np.linalg.inv(T_world_camera[0]) @ T_world_camera
     return Run(seen_m=path.p_camera_in_first, reference_m=T[:, :3, 3], lever=np.zeros((len(T), 3, 3)))
 
 
 def correlate(runs: Sequence[Run]) -> float:
-    """Correlation of the paths by camera and reference over some runs."""
+    """Correlation (-1 to 1) of the paths by camera and reference over some runs; 0 without any motion."""
     across = sum(float(np.sum(run.seen_m * run.reference_m)) for run in runs)
     seen = sum(float(np.sum(run.seen_m**2)) for run in runs)
     reference = sum(float(np.sum(run.reference_m**2)) for run in runs)
@@ -171,38 +177,37 @@ def fit_motion_scale(runs: Sequence[Run]) -> MotionScale | None:
     former is noisy.
 
     Returns:
-        None with too few runs, or too little motion.
+        The scale; None with too few runs in which the reference moves.
     """
     moving = [run for run in runs if np.sqrt(np.mean(np.sum(run.reference_m**2, axis=1))) > _LEAST_MOTION_M]
     if len(moving) < _FEWEST_RUNS:
         return None
-    # (R, 5, 5) each: all axes, and those across the optical axis
+    # (R, 5, 5) sums of products over each run: of all axes, and of those across the optical axis
     all_axes = np.array([_multiply_columns(run.seen_m, run.reference_m, run.lever) for run in moving])
     across = np.array([_multiply_columns(r.seen_m[:, :2], r.reference_m[:, :2], r.lever[:, :2]) for r in moving])
     weights = _weigh(moving, all_axes)[:, None, None]
     products = np.sum(weights * all_axes, axis=0)
-    parts = np.stack(
-        (weights * (all_axes - across), weights * across), axis=1
-    )  # (R, 2, 5, 5) along the axis, across it
+    # (R, 2, 5, 5) those along the optical axis, and those across it
+    parts = np.stack((weights * (all_axes - across), weights * across), axis=1)
     return MotionScale(
-        path=jackknife(weights * all_axes, _scale_log),
-        sideways=jackknife(weights * across, _scale_log),
-        focal=jackknife(parts, lambda sums: _scale_log(sums[0]) - _scale_log(sums[1])),
+        path=jackknife(weights * all_axes, _solve_scale_log),
+        sideways=jackknife(weights * across, _solve_scale_log),
+        focal=jackknife(parts, lambda sums: _solve_scale_log(sums[0]) - _solve_scale_log(sums[1])),
         correlation=float(products[0, 4] / math.sqrt(products[0, 0] * products[4, 4] + 1e-30)),
         runs=len(moving),
     )
 
 
 def _weigh(runs: Sequence[Run], equations: Array) -> Array:
-    """(R,) inverse variance of the camera's positions in each run, by what the scale leaves over, in 1/(mean variance).
+    """(R,) weights of R runs, of mean 1: inverse variances of the camera's positions by what the scale leaves over.
 
     Args:
         runs: The runs.
-        equations: (R, 5, 5) of their paths, see `_scale_log`.
+        equations: (R, 5, 5) of their paths, see `_solve_scale_log`.
     """
     weights = np.ones(len(runs))
     for _ in range(_WEIGHT_ROUNDS):
-        scale_log = _scale_log(np.tensordot(weights, equations, axes=1))
+        scale_log = _solve_scale_log(np.tensordot(weights, equations, axes=1))
         if math.isnan(scale_log):
             return np.ones(len(runs))
         scale = math.exp(scale_log)
@@ -213,7 +218,7 @@ def _weigh(runs: Sequence[Run], equations: Array) -> Array:
     return weights
 
 
-def _scale_log(equations: Array) -> float:
+def _solve_scale_log(equations: Array) -> float:
     """Logarithm of the length of the camera's path over that of the reference; NaN if the camera does not follow it.
 
     Args:
@@ -225,7 +230,7 @@ def _scale_log(equations: Array) -> float:
 
 
 def _multiply_columns(seen: Array, reference: Array, lever: Array) -> Array:
-    """(5, 5) products of the columns reference, offsets of the camera along three axes, and camera, over a run.
+    """(5, 5) products of the columns reference, offsets of the camera along three axes, and camera, m², over a run.
 
     Args:
         seen: (K, A) A axes of the camera's path.
@@ -240,9 +245,12 @@ def jackknife(sums: Array, logarithm: Callable[[Array], float], freedom: float =
     """A logarithm of a ratio over R runs, with an interval from a jackknife.
 
     Args:
-        sums: (R, ...) sums of each run.
-        logarithm: Of the sum (...) of all runs, or of all but one.
-        freedom: Degrees of freedom, where some runs count for little; at most R - 1.
+        sums: (R, ...) what each run adds to the sums that determine the ratio.
+        logarithm: Gives the logarithm for the sum (...) over all runs, or over all but one; NaN where it has none.
+        freedom: Degrees of freedom of the interval, where some runs count for little; at most R - 1 are used.
+
+    Returns:
+        The logarithm; 0 with an infinite interval if it is undefined for all runs or without one of them.
     """
     total = sums.sum(axis=0)
     value = logarithm(total)
@@ -251,20 +259,4 @@ def jackknife(sums: Array, logarithm: Callable[[Array], float], freedom: float =
         return LogRatio(value=0.0, half=math.inf)
     variance = (len(sums) - 1) * float(np.var(without_one)) + _MODEL_SD_LOG**2
     freedom = max(1.0, min(freedom, len(sums) - 1.0))
-    return LogRatio(value=value, half=_student_975(freedom) * math.sqrt(variance))
-
-
-def _interpolate(at: Array, t: Array, values: Array) -> Array:
-    """(K, 3) values (M, 3) at times t (M,), interpolated linearly to the times `at` (K,)."""
-    return np.column_stack([np.interp(at, t, values[:, i]) for i in range(values.shape[1])])
-
-
-def _student_975(freedom: float) -> float:
-    """The 97.5 % quantile of Student's distribution (Abramowitz and Stegun 1972, 26.7.5), from 3 degrees on to 1 %."""
-    z, n = _NORMAL_975, freedom
-    return (
-        z
-        + (z**3 + z) / (4 * n)
-        + (5 * z**5 + 16 * z**3 + 3 * z) / (96 * n**2)
-        + (3 * z**7 + 19 * z**5 + 17 * z**3 - 15 * z) / (384 * n**3)
-    )
+    return LogRatio(value=value, half=student_quantile(freedom) * math.sqrt(variance))

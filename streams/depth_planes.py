@@ -12,10 +12,10 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
-from stridetwin.streams.plausible import Implausible, advise_depth_unit
+from stridetwin.streams.plausible import Implausible, advise_depth_unit, find_implausible_depth
+from stridetwin.streams.rays import find_rays
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array, Mask
 
@@ -43,6 +43,8 @@ _ROUNDS = 4
 """Rounds of choosing the points of a plane and fitting it to them."""
 _FLOOR_COSINE = 0.45
 """Least cosine of a floor's normal with the camera's upper side: a camera that looks down by up to 63°."""
+_MOST_VIEWS = 12
+"""Most depth images of a stream that are looked at."""
 _FEWEST_VIEWS = 3
 """Images with a floor from which a height counts."""
 _SENSITIVITY = 0.12
@@ -87,6 +89,28 @@ class FocalRatio:
     half_log: float
     angle_deg: float
     pairs: int
+
+
+def choose_views(count: int) -> list[int]:
+    """Numbers of up to `_MOST_VIEWS` of the `count` depth images of a stream, spread over it from end to end."""
+    return np.unique(np.linspace(0, count - 1, _MOST_VIEWS).round().astype(int)).tolist()
+
+
+def find_implausible_views(
+    depths: Sequence[Array], camera: CameraCalibration, per_metre: float | None = None
+) -> list[Implausible]:
+    """What distances in some depth images show of a wrong unit, or else planes of that and of a wrong focal length.
+
+    Args:
+        depths: (H, W) m, each; those of another size than the calibrated one show distances, but no planes.
+        camera: Calibration of the camera that the depth is registered to.
+        per_metre: Units per metre with which the depth was read; None if no option gives them.
+    """
+    implausible = list(find_implausible_depth(depths, per_metre))
+    if implausible:
+        return implausible
+    views = [find_planes(depth, camera) for depth in depths if depth.shape == (camera.height, camera.width)]
+    return list(find_implausible_planes(views, camera, per_metre))
 
 
 def find_planes(depth: Array, camera: CameraCalibration) -> Planes:
@@ -150,7 +174,7 @@ def measure_camera_height(views: Sequence[Planes]) -> float | None:
 
 
 def measure_focal_ratio(views: Sequence[Planes]) -> FocalRatio | None:
-    """The focal length with which floors and walls are perpendicular.
+    """The calibrated focal length over the one with which floors and walls are perpendicular.
 
     With k times the true focal length, perpendicular planes have θ₁ₓ θ₂ₓ + θ₁ᵧ θ₂ᵧ + k² θ₁ᵤ θ₂ᵤ = 0, which gives k for
     each pair that both look towards the camera.
@@ -216,9 +240,7 @@ def find_implausible_planes(
 
 def _to_rays(pixels: Array, camera: CameraCalibration) -> Array:
     """(N, 3) normalised image coordinates without distortion, and 1, of N pixels (N, 2)."""
-    undistort = cv2.fisheye.undistortPoints if camera.distortion_model == "equidistant" else cv2.undistortPoints
-    rays = undistort(pixels.reshape(-1, 1, 2).astype(float), camera.K, np.array(camera.distortion)).reshape(-1, 2)
-    return np.column_stack((rays, np.ones(len(rays))))
+    return np.column_stack((find_rays(pixels, camera), np.ones(len(pixels))))
 
 
 def _lie_on(theta: Array, rays: Array, inverse: Array) -> Mask:

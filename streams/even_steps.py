@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from stridetwin.streams.samples import Array
+from stridetwin.streams.time_series import interpolate
 
 
 def integrate(t: Array, values: Array) -> Array:
@@ -15,5 +16,4 @@ def integrate(t: Array, values: Array) -> Array:
 
 def average_between(t: Array, integrals: Array, edges: Array) -> Array:
     """Means (M, 3) of a stream over the steps between edges (M + 1,) s, from its integrals (N, 3) at times (N,) s."""
-    at_edges = np.column_stack([np.interp(edges, t, integrals[:, axis]) for axis in range(3)])
-    return np.asarray(np.diff(at_edges, axis=0) / np.diff(edges)[:, None])
+    return np.asarray(np.diff(interpolate(edges, t, integrals), axis=0) / np.diff(edges)[:, None])

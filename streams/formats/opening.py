@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from stridetwin.streams.depth_planes import find_implausible_planes, find_planes
+from stridetwin.streams.depth_planes import choose_views, find_implausible_views
 from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError, read_error
 from stridetwin.streams.formats import euroc, iphone, openloris, seven_scenes, tum_rgbd
 from stridetwin.streams.formats.aria_vrs import read_aria_vrs
@@ -34,14 +34,8 @@ from stridetwin.streams.formats.unknown_folder import (
     describe_unknown,
 )
 from stridetwin.streams.kalibr import read_rig
-from stridetwin.streams.plausible import (
-    DEPTH_UNITS,
-    IMAGE_RATES_HZ,
-    find_implausible_depth,
-    find_implausible_rates,
-    find_implausible_values,
-)
-from stridetwin.streams.recording.imported import ImageStream, ImportedContents, Source
+from stridetwin.streams.plausible import DEPTH_UNITS, IMAGE_RATES_HZ, find_implausible_rates, find_implausible_values
+from stridetwin.streams.recording.imported import IMPORTED_FROM, ImageStream, ImportedContents, Source
 from stridetwin.streams.recording.index import Notes, Problem, is_stridetwin_recording, read_calibration
 from stridetwin.streams.recording.mcap_writer import MAGIC
 from stridetwin.streams.recording.reader import Recording
@@ -104,8 +98,6 @@ _READERS: Mapping[str, Callable[..., Source]] = {
     "vrs": read_aria_vrs,
 }
 """The reader of each kind that is neither a bag nor a table."""
-_DEPTH_IMAGES = 12
-"""Number of images whose depth is checked to be plausible."""
 _DEPTH_SCALES: Mapping[str, float] = {
     "tum": tum_rgbd.PER_METRE,
     "7scenes": seven_scenes.PER_METRE,
@@ -233,7 +225,7 @@ def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | N
     if own_file is not None and is_plain:
         return Recording(own_file, lenient)
     notes = Notes(path, lenient)
-    metadata = {"imported_from": kind, "source": path.name}
+    metadata = {IMPORTED_FROM: kind, "source": path.name}
     if (per_metre := _units_per_metre(kind, options)) is not None:
         metadata[DEPTH_UNITS] = f"{per_metre:g}"
     try:
@@ -699,19 +691,15 @@ def _check_depth(source: Source, rig: Rig, per_metre: float | None, notes: Notes
         images = source.images.get(camera.depth_topic)
         if images is None or len(images.t_ns) < _FEWEST:
             continue
-        depths = _sample_depths(images)
-        implausible = list(find_implausible_depth(depths, per_metre))
-        if not implausible:
-            views = [find_planes(depth, camera) for depth in depths if depth.shape == (camera.height, camera.width)]
-            implausible = list(find_implausible_planes(views, camera, per_metre))
-        for finding in implausible:
+        depths = _read_some_depths(images)
+        for finding in find_implausible_views(depths, camera, per_metre):
             notes.warn(f"{camera.depth_topic}: {finding}")
 
 
-def _sample_depths(images: ImageStream) -> list[Array]:
+def _read_some_depths(images: ImageStream) -> list[Array]:
     """A few depth images (H, W), m, spread over a stream; those that cannot be read are left out."""
     depths = []
-    for index in np.unique(np.linspace(0, len(images.t_ns) - 1, _DEPTH_IMAGES).round().astype(int)).tolist():
+    for index in choose_views(len(images.t_ns)):
         try:
             image = images.load("", index)  # its topic does not matter
         except (StrideTwinError, ValueError, IndexError):

@@ -14,6 +14,8 @@ from stridetwin.streams.recording.index import Notes, Problem, TopicInfo, rate_p
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import LATEST_NS, Block, Depth, Image, Mask, Sample, Stamps, is_increasing
 
+IMPORTED_FROM = "imported_from"
+"""Key of the kind of the source (`FILE_FORMATS`) in the metadata of another tool's recording, also after `import`."""
 _MOST_LISTED = 12
 """Most streams that an error lists."""
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stridetwin.scenarios.image_rotation import Tracks
+from stridetwin.scenarios.image_rotation import PairTracks
 from stridetwin.streams.rig import CameraCalibration, Mount
 from stridetwin.streams.samples import Block, Imu
 
@@ -116,7 +116,7 @@ class CameraWalk:
                 noise = rng.normal(0, self.pixel_noise, after.shape)
                 far = depth * self.depth_factor * (1 + rng.normal(0, 0.004, len(depth)) * depth)
                 stamps = (round(t * 1e9), round(following * 1e9))
-                pairs.append(Tracks(t_ns=stamps, before=before, after=after + noise, depth=far, tracked_px=1.6))
+                pairs.append(PairTracks(t_ns=stamps, before=before, after=after + noise, depth=far, tracked_px=1.6))
             segments.append(pairs)
         return segments
 
