@@ -112,4 +112,4 @@ def find_depth_pixels(corners: Corners, scale: float) -> NDArray[np.int_]:
         scale: Width of that image relative to the depth image.
     """
     # 0.5 moves from the centre of a pixel to its corner and back
-    return np.rint((corners + 0.5) / scale - 0.5).astype(int)
+    return np.asarray(np.rint((corners + 0.5) / scale - 0.5), np.int_)

@@ -24,6 +24,8 @@ _FEET_SHARE = 0.1
 """Smallest share of that ground that a plane under the feet covers."""
 _MIN_EYE_M = 0.8
 """A plane under the feet is at least so far below the camera: chest of a short person over the next tread."""
+_START_M = 0.3
+"""Way of the camera from which on the walker has moved: half a step."""
 _START_REACH_M = 2.0
 """Before the walker has moved, the lowest plane that begins within this distance counts as the ground."""
 _MIN_START_M2 = 0.1
@@ -55,6 +57,10 @@ class WalkedPlanes:
     Args:
         R_world_grid: (3, 3) grid to world axes.
         parameters: Size of a column.
+
+    Attributes:
+        has_moved: Whether the walker has left the place of the first image. Before, as in a single image, too little of
+            the ground is known to tell furniture from stairs.
     """
 
     def __init__(self, R_world_grid: Array, parameters: TerrainMapParameters) -> None:
@@ -65,6 +71,8 @@ class WalkedPlanes:
         # (N, 2) columns of the ground under the feet, relative to that under the camera
         self._under = offsets[(offsets**2).sum(axis=1) <= reach**2]
         self._ids: set[int] = set()
+        self._start: Array | None = None  # (2,) m, under the camera of the first image
+        self.has_moved = False
 
     def update(self, planes: dict[int, Plane], plane_set: PlaneSet, p_camera_in_world: Array) -> set[int]:
         """Takes the planes of an image, and gives those that have been walked on.
@@ -78,6 +86,9 @@ class WalkedPlanes:
             Ids of planes; before any has been walked on, that of the lowest plane near the camera, or none.
         """
         self._ids = {id_ for id_ in self._ids if id_ in planes}
+        if self._start is None:
+            self._start = p_camera_in_world[:2].copy()
+        self.has_moved |= math.dist(self._start, p_camera_in_world[:2]) > _START_M
         # (2,) column under the camera; v @ R_world_grid is v in grid axes
         column = np.floor(p_camera_in_world[:2] @ self._R_world_grid[:2, :2] / self._voxel_m).astype(np.int64)
         slots, _ = plane_set.surface.at(column + self._under)
@@ -136,8 +147,8 @@ def select_walkable(
             uppers = [riser.upper for riser in row]
             leads_down = uppers[-1] in reached or not walked.isdisjoint(uppers)
             leads_up = row[0].lower in reached and id(row) in climbable
-            leads_on = id(row) in wide and (leads_down or leads_up or _is_regular(row))
-            if leads_on or row[0].lower in treads or not treads.isdisjoint(uppers):
+            leads_on = id(row) in wide and (leads_down or leads_up)
+            if leads_on or _is_regular(row) or row[0].lower in treads or not treads.isdisjoint(uppers):
                 fresh.append(row)
         if not fresh:
             break
@@ -163,8 +174,11 @@ def _is_broad(row: Row) -> bool:
 
 
 def _is_regular(row: Row) -> bool:
-    """Whether a row has several risers of like height, which furniture does not have; its foot may be occluded."""
-    return len(row) >= _FLIGHT_RISERS and _are_like(row)
+    """Whether a row has several risers of like height, which furniture does not have.
+
+    Its foot may be occluded, and so may parts of its edges: one is as long as a person is wide.
+    """
+    return len(row) >= _FLIGHT_RISERS and _are_like(row) and _count_edges(row, _MIN_WIDTH_M) > 0
 
 
 def _are_like(row: Row) -> bool:

@@ -26,6 +26,8 @@ TUM = "t x y z qx qy qz qw"
 """Columns of the most common form."""
 _FEWEST_NAMES = 7
 """Names that a header of poses has at least."""
+_CELLS_OF_A_MATRIX = (12, 16)
+"""Cells of a row that is a matrix [R | t], of three rows as in KITTI or of four."""
 _NANOSECOND_DIGITS = 9
 """Digits of the nanoseconds within a second."""
 _DECIMAL_COMMA = re.compile(r"\d,\d")
@@ -93,7 +95,7 @@ class TrajectoryRows:
             self._begin(cells, line)
         elif len(cells) != self.count:
             raise ConfigError(self.path, f"line {number}", line[:80], f"{self.count} cells, as in the rows above it")
-        if cells == self._before:
+        if cells == self._before and self.count not in _CELLS_OF_A_MATRIX:  # such rows have no stamp: the pose may rest
             self.repeated += 1
             return
         self._before = cells
