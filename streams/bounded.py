@@ -13,6 +13,8 @@ LARGEST_TEXT = 256 << 20
 """Largest text table or list, bytes: 2 h of an IMU at 200 Hz take a sixth of it."""
 MOST_LINES = 2_000_000
 """Most lines of a text table or list: 2.7 h at 200 Hz."""
+MOST_ZEROS = 2**24
+"""Most zero bytes in a row, with which a logger may fill up a block of its file."""
 LONGEST_LINE = 2048
 """Longest line of a text table or list, characters."""
 LONGEST_ROW = 16384
@@ -65,8 +67,10 @@ def read_lines(path: Path, encoding: str = "utf-8", longest: int = LONGEST_LINE)
         if (size := path.stat().st_size) > LARGEST_TEXT:
             raise ConfigError(path, "size in bytes", size, f"up to {LARGEST_TEXT}")
         for number in itertools.count(1):
-            line = file.readline(longest + 1)
+            line, zeros = file.readline(longest + 1), 0
             while line and not line.strip("\0"):  # zeros, with which loggers fill up their files
+                if (zeros := zeros + len(line)) > MOST_ZEROS:
+                    raise ConfigError(path, f"line {number}", "zero bytes", f"up to {MOST_ZEROS} of them in a row")
                 line = file.readline(longest + 1)
             if not line:
                 return

@@ -70,6 +70,7 @@ _HEADS = {MAGIC[:5]: "mcap", b"#ROSBAG": "rosbag1", b"SQLite format 3\0": "rosba
 """First bytes of a file of each kind."""
 _PACKINGS = {b"PK\3\4": "zip", b"\x28\xb5\x2f\xfd": "zstd", b"\x1f\x8b": "gzip", b"BZh": "bzip2", b"7z\xbc\xaf": "7z"}
 """First bytes of files of packed content."""
+_TABLES = "table"
 _LAYOUTS: Mapping[str, Callable[[Path], bool]] = {
     "euroc": lambda path: euroc.find_euroc_root(path) is not None,
     "openloris": openloris.is_openloris,  # before TUM's, as it may have a depth.txt, too
@@ -77,7 +78,7 @@ _LAYOUTS: Mapping[str, Callable[[Path], bool]] = {
     "7scenes": lambda path: seven_scenes.find_frames_folder(path) is not None,
     "strayscanner": iphone.is_stray_scanner,
     "record3d": iphone.is_record3d,
-    "table": is_imu_folder,
+    _TABLES: is_imu_folder,
 }
 """Whether a folder has the layout of each kind."""
 _AS_CSV = "export the table as CSV, in UTF-8, with the names and units of its columns"
@@ -176,7 +177,7 @@ def recognise(path: Path) -> str:
     kinds = ", ".join(FILE_FORMATS)
     numbered = f"; a text table of an IMU needs names of its columns, or their numbers: {OPTION} {NUMBERED}"
     hint = numbered if suffix in OPEN_SUFFIXES else ""
-    if path.suffix in _PART_SUFFIXES and (above := describe_parent(path, _find_layout)) is not None:
+    if path.suffix in _PART_SUFFIXES and (above := describe_parent(path, _find_layout_of_images)) is not None:
         hint = f"; {above}"
     raise StrideTwinError(f"{path}: unknown content: expected a recording of one of the kinds {kinds}{hint}")
 
@@ -292,9 +293,8 @@ def _recognise_folder(path: Path) -> str:
     if (kind := _find_layout(path)) is not None:
         return kind
     kinds = ", ".join(known for known in FILE_FORMATS[2:] if known != "vrs")  # without those of single files
-    raise StrideTwinError(
-        f"{path}: unknown layout: expected a folder of one of the kinds {kinds}; {describe_unknown(path, _find_layout)}"
-    )
+    what = describe_parent(path, _find_layout_of_images) or describe_unknown(path, _find_layout)
+    raise StrideTwinError(f"{path}: unknown layout: expected a folder of one of the kinds {kinds}; {what}")
 
 
 def _find_layout(path: Path) -> str | None:
@@ -302,6 +302,11 @@ def _find_layout(path: Path) -> str | None:
     if (path / _METADATA).is_file() or any(path.glob("*.mcap")) or any(path.glob("*.db3")):
         return "rosbag2"
     return next((kind for kind, has_layout in _LAYOUTS.items() if has_layout(path)), None)
+
+
+def _find_layout_of_images(path: Path) -> str | None:
+    """The kind whose layout with images a folder has; None for others. No file is read, however large the folder."""
+    return next((kind for kind, has_layout in _LAYOUTS.items() if kind != _TABLES and has_layout(path)), None)
 
 
 def imu_topic(name: str) -> str:
@@ -333,7 +338,7 @@ def _read_source(path: Path, kind: str, options: ImportOptions, notes: Notes) ->
     """
     if kind == "table":
         _report_images(path, notes)
-        if (above := describe_parent(path, _find_layout)) is not None:
+        if (above := describe_parent(path, _find_layout_of_images)) is not None:
             notes.warn(f"read as an IMU table alone: {above} for the whole recording")
         imus = read_imu_tables(path, options.table, notes)
         names = {name: imu_topic(name) for name in imus if name}

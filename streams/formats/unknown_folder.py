@@ -52,8 +52,6 @@ def describe_unknown(path: Path, find_layout: Callable[[Path], str | None]) -> s
         path: The folder.
         find_layout: The kind whose layout a folder has; None for another layout.
     """
-    if (above := describe_parent(path, find_layout)) is not None:
-        return above
     entries = sorted(path.iterdir())
     recordings = [entry for entry in entries if entry.is_file() and entry.suffix in _RECORDING_SUFFIXES]
     recordings += _find_inside(entries, find_layout)

@@ -51,7 +51,7 @@ def refuse(source, members):
 
 
 def allocate(source, members):
-    return [str(np.ones(40 << 17).sum())]  # 40 MiB
+    return [str(np.ones(60 << 17).sum())]  # 60 MiB
 
 
 def wait(source, members):
@@ -80,7 +80,7 @@ def warn(source, members):
 )
 def test_what_is_a_finding(tmp_path, open_input, kind):
     target = Target("kind", lambda folder: iter(()), open_input)
-    finding, cost = judge(target, {"a.txt": b"1"}, tmp_path, Limits(cpu_s=0.1, growth_bytes=20 << 20))
+    finding, cost = judge(target, {"a.txt": b"1"}, tmp_path, Limits(cpu_s=0.5, growth_bytes=20 << 20))
     assert (finding.kind if finding else None) == kind
     assert not any(tmp_path.iterdir())
     assert cost.cpu_s < 2.0

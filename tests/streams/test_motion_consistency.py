@@ -96,7 +96,7 @@ def test_a_clock_of_its_own_is_named():
     ("change", "text"),
     [
         (lambda f: f / 9.80665, "is it in g?"),
-        (lambda f: 1000 * f, "is it in mg or mm/s²?"),
+        (lambda f: 1000 * f, "is it in mg or mm/s², and was taken for g or m/s²?"),
         (lambda f: 1.4 * f, "were the forces multiplied by 1.4"),
         (lambda f: f - np.array([0.0, 0.0, 9.81]), "has gravity been taken out?"),
     ],
