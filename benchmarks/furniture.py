@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.command import answer, command
-from stridetwin.estimators.terrain_map import TerrainMap
+from stridetwin.estimators.terrain_map import Stairs, TerrainMap
 from stridetwin.estimators.terrain_map.depth_camera import depth_calibration
 from stridetwin.outputs.chosen_poses import find_pose_topic
 from stridetwin.outputs.feeding import instance_for
@@ -132,7 +132,7 @@ def map_flights(path: Path) -> dict[str, Any]:
     return {"last": len(flights), "most": most, "share": share, "maps": len(counts), "flights": flights}
 
 
-def _describe(flight: Any) -> str:
+def _describe(flight: Stairs) -> str:
     """Steps, riser, tread, base, width and place of a flight in one line."""
     low, high = flight.across
     return (

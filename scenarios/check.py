@@ -350,12 +350,8 @@ def _check_depths(
         for topic, scale in scales.items()
         for what, is_error in scale.faults(asks_focal=topic not in with_focal)
     ]
-    views = judge_depth_images(recording, scales)
-    findings += [
-        Finding(topic=topic, what=str(implausible), is_error=False)
-        for topic, implausible in views
-        if topic not in faulty
-    ]
+    views = judge_depth_images(recording, scales, skipped=faulty)
+    findings += [Finding(topic=topic, what=str(implausible), is_error=False) for topic, implausible in views]
     return scales, findings
 
 

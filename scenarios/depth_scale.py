@@ -46,7 +46,7 @@ from stridetwin.streams.samples import Array, Block, Depth, Image, Imu, Odometry
 MARGIN_LOG = math.log(1.1)
 """Logarithm of the factor by which depth or focal length may be off: an odometry's path is then off by a tenth."""
 WARNING_LOG = math.log(1.05)
-"""The same from which a warning is due."""
+"""Logarithm of the factor by which depth or focal length may be off without a warning."""
 _RUN_S, _SHORTEST_RUN_S = 1.2, 0.6
 """Longest run of images that is compared, two steps of a walk, and shortest one."""
 _RUN_IMAGES = (8, 80)
@@ -214,12 +214,15 @@ def measure_depth_scales(
     return {topic: scale for topic, scale in scales.items() if scale is not None}
 
 
-def judge_depth_images(recording: Recording, scales: Mapping[str, DepthScale]) -> Iterator[tuple[str, Implausible]]:
+def judge_depth_images(
+    recording: Recording, scales: Mapping[str, DepthScale], skipped: Collection[str] = ()
+) -> Iterator[tuple[str, Implausible]]:
     """Yields what distances and planes in some depth images show of the unit and the focal length.
 
     Args:
         recording: Recording with the images. An import has checked its depth itself.
         scales: What is known better, by the topic of the depth.
+        skipped: Topics of depth that are left out.
 
     Yields:
         Topic of the depth, and what is implausible.
@@ -229,7 +232,8 @@ def judge_depth_images(recording: Recording, scales: Mapping[str, DepthScale]) -
         scale = scales.get(camera.depth_topic)
         is_focal_known = scale is not None and scale.focal.half < _KNOWN_FOCAL_LOG
         is_depth_known = scale is not None and scale.motion is not None
-        if camera.depth_topic not in recording.topics or (is_focal_known and is_depth_known):
+        is_left_out = camera.depth_topic in skipped or camera.depth_topic not in recording.topics
+        if is_left_out or (is_focal_known and is_depth_known):
             continue
         try:
             depths = _read_some_depths(recording, camera)

@@ -84,21 +84,6 @@ class Rates:
     depth: Array
 
 
-def rotation_rates(recording: Recording, camera: CameraCalibration, first: int, count: int) -> Rates | None:
-    """The rates of a camera in one segment of its images.
-
-    Args:
-        recording: Recording with the images.
-        camera: Calibration of the camera.
-        first: Number of the first image.
-        count: Number of images.
-
-    Returns:
-        None if an image is damaged, which is a problem of its own, or no rotation is known.
-    """
-    return estimate_rates(camera, track_segment(recording, camera, first, count))
-
-
 def track_segment(recording: Recording, camera: CameraCalibration, first: int, count: int) -> list[PairTracks]:
     """Tracks features through one segment of a camera's images.
 

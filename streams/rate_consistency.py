@@ -112,11 +112,12 @@ def find_rate_fault(t_ns: Stamps, specific_force: Array, angular_rate: Array) ->
         return None
     spans = [spans[k] for k in np.unique(np.linspace(0, len(spans) - 1, _MOST).round().astype(int))]
     rates = angular_rate - bias
-    recorded = compute_misfits(_cut_movements(t, specific_force, rates, spans), np.eye(3)[None])[0]
+    movements = _cut_movements(t, specific_force, rates, spans)
+    recorded = compute_misfits(movements, np.eye(3)[None])[0]
     as_recorded = float(np.median(recorded))
     if as_recorded <= _MISFIT_MPS2:
         return None
-    correction, misfits = _correct(t, specific_force, rates, spans)
+    correction, misfits = _correct(t, specific_force, rates, spans, movements)
     if correction.shift_s and as_recorded <= _SHIFT_MISFIT_MPS2:
         return None
     corrected = float(np.median(misfits))
@@ -133,7 +134,9 @@ def find_rate_fault(t_ns: Stamps, specific_force: Array, angular_rate: Array) ->
     return RateFault(misfit_mps2=as_recorded, corrected_mps2=corrected, cause="")
 
 
-def _correct(t: Array, force: Array, rates: Array, spans: list[tuple[int, int]]) -> tuple[Correction, Array]:
+def _correct(
+    t: Array, force: Array, rates: Array, spans: list[tuple[int, int]], movements: _Movements
+) -> tuple[Correction, Array]:
     """The usual mistake whose correction leaves the least, and what it leaves over in each movement: (S,) m/s².
 
     Args:
@@ -141,6 +144,7 @@ def _correct(t: Array, force: Array, rates: Array, spans: list[tuple[int, int]])
         force: (N, 3) m/s².
         rates: (N, 3) rad/s without bias.
         spans: First and last rows of S movements.
+        movements: The movements themselves.
     """
     corrections = list_corrections()
     turned = [c for c in corrections if not c.shift_s]
@@ -148,10 +152,10 @@ def _correct(t: Array, force: Array, rates: Array, spans: list[tuple[int, int]])
     some = _cut_movements(t, force, rates, spans[:: max(1, len(spans) // _FIRST_LOOK)])
     first_look = np.median(compute_misfits(some, np.stack([c.matrix for c in turned])), axis=1)
     best = [turned[k] for k in np.argsort(first_look)[:_REFINED]]
-    misfits = [compute_misfits(_cut_movements(t, force, rates, spans), np.stack([c.matrix for c in best]))]
+    misfits = [compute_misfits(movements, np.stack([c.matrix for c in best]))]
     for correction in shifted:
-        movements = _cut_movements(t, force, shift_rates(t, rates, correction.shift_s), spans)
-        misfits.append(compute_misfits(movements, correction.matrix[None]))
+        moved = _cut_movements(t, force, shift_rates(t, rates, correction.shift_s), spans)
+        misfits.append(compute_misfits(moved, correction.matrix[None]))
     every = np.concatenate(misfits)  # (H, S)
     medians = np.median(every, axis=1)
     least = int(np.argmin(medians))
@@ -159,7 +163,7 @@ def _correct(t: Array, force: Array, rates: Array, spans: list[tuple[int, int]])
     # any other factor must leave clearly less, for it fits by chance more often than a usual mistake
     scales = np.median(compute_misfits(some, _SCALES[:, None, None] * np.eye(3)), axis=1)
     scaled = correct_scale(float(_SCALES[np.argmin(scales)]))
-    (of_scale,) = compute_misfits(_cut_movements(t, force, rates, spans), scaled.matrix[None])
+    (of_scale,) = compute_misfits(movements, scaled.matrix[None])
     if float(np.median(of_scale)) < _CLEARLY * medians[least]:
         return scaled, of_scale
     return correction, of_correction
@@ -268,10 +272,9 @@ def compute_misfits(movements: _Movements, corrections: Array) -> Array:
         movements: S movements.
         corrections: (H, 3, 3), each multiplies the rates.
     """
-    rotation = np.broadcast_to(
-        np.eye(3), (len(corrections), len(movements.up), 3, 3)
-    )  # sensor to its axes at the start
-    speed = np.zeros((len(corrections), len(movements.up), 3))
+    shape = len(corrections), len(movements.up)
+    rotation = np.broadcast_to(np.eye(3), (*shape, 3, 3))  # sensor to its axes at the start
+    speed = np.zeros((*shape, 3))
     for rate, force, step in zip(movements.rates, movements.forces, movements.steps):
         half_turn = np.einsum("hij,sj->hsi", corrections, rate) * (0.5 * step)[:, None]
         half = exp(half_turn)

@@ -47,7 +47,7 @@ _JUMP, _WIDE_JUMP = 1.8, 2.5
 _FEWEST_JUMPS, _JUMP_SHARE = (4, 3), (0.001, 0.0005)
 """Jumps of each kind that are needed, and share of the moving rows that jump by chance. None of 90 sound streams of
 real and simulated feet, legs, trunks and heads at 100 to 400 Hz has two of the first kind, or one of the second."""
-GAP_PERIODS = 1.6
+LOST_ROW_PERIODS = 1.6
 """Periods between two stamps from which on the stamps show that rows are missing: jitter is less."""
 _FAR = 2.0
 """Multiple of the largest number from which on another one is a fill value, however often it occurs."""
@@ -233,7 +233,7 @@ def count_jumps(t_ns: Stamps, specific_force: Array, angular_rate: Array) -> int
     if len(steps) < 6:
         return 0
     lengths, moves = zip(_measure_jumps(specific_force), _measure_jumps(angular_rate))
-    both = np.all(moves, axis=0) & (steps[2:-2] < GAP_PERIODS * np.median(steps))
+    both = np.all(moves, axis=0) & (steps[2:-2] < LOST_ROW_PERIODS * np.median(steps))
     length = np.minimum(*lengths)[both]
     counts = [int(np.sum(length > least)) for least in (_JUMP, _WIDE_JUMP)]
     chance = [fewest + share * len(length) for fewest, share in zip(_FEWEST_JUMPS, _JUMP_SHARE)]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.recording.index import Notes
-from stridetwin.streams.row_patterns import GAP_PERIODS
+from stridetwin.streams.row_patterns import LOST_ROW_PERIODS
 from stridetwin.streams.samples import Array, Block, Sample, Stamps
 
 LONGEST_S = 0.1
@@ -94,7 +94,7 @@ def _spread_repeated_stamps(name: str, block: Block[SampleT], notes: Notes) -> B
     spans = np.diff(starts)
     # ns that each group fills: until the next one, or less if rows are missing before that
     around = np.convolve(np.pad(spans, 1, constant_values=float(np.median(spans))), np.ones(3), "valid")
-    is_gap = (spans > GAP_PERIODS * usual) & (around > GAP_PERIODS * usual + 2 * np.median(spans))
+    is_gap = (spans > LOST_ROW_PERIODS * usual) & (around > LOST_ROW_PERIODS * usual + 2 * np.median(spans))
     fills = np.append(np.where(is_gap, counts[:-1] * period, spans), period * counts[-1])
     begins = np.repeat(starts, counts)
     within = np.arange(len(t_ns)) - np.repeat(first, counts)  # row in its group
@@ -115,7 +115,7 @@ def _is_even(starts: Array, first: NDArray[np.int64], counts: NDArray[np.int64])
         return False
     spans = np.diff(starts)
     deviation = np.abs(starts - _fit_groups(starts, first)).max()
-    return bool(deviation < _DELAY * np.median(spans) and spans.max() < GAP_PERIODS * np.median(spans))
+    return bool(deviation < _DELAY * np.median(spans) and spans.max() < LOST_ROW_PERIODS * np.median(spans))
 
 
 def _fit_groups(starts: Array, first: NDArray[np.int64]) -> Array:
@@ -175,7 +175,7 @@ def _fill_gaps(name: str, block: Block[SampleT], notes: Notes) -> Block[SampleT]
     # each step together with those before and after it, ns
     around = np.convolve(np.pad(steps, 1, constant_values=round(period)), np.ones(3), "valid")
     # a gap is still long together with the two steps around it; after a late stamp, the next step is short
-    is_gap = (steps > GAP_PERIODS * period) & (around > (GAP_PERIODS + 2) * period)
+    is_gap = (steps > LOST_ROW_PERIODS * period) & (around > (LOST_ROW_PERIODS + 2) * period)
     short = is_gap & (steps <= LONGEST_S * 1e9)  # the gaps that are filled
     if (long := is_gap & ~short).any():
         at = int(np.argmax(long))  # the first of them

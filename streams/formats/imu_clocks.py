@@ -18,7 +18,7 @@ from stridetwin.streams.formats.imu_units import TIME, UNITS, unit_of
 from stridetwin.streams.formats.table_head import is_plain_number
 from stridetwin.streams.plausible import IMU_RATES_HZ
 from stridetwin.streams.recording.index import Notes
-from stridetwin.streams.row_patterns import GAP_PERIODS
+from stridetwin.streams.row_patterns import LOST_ROW_PERIODS
 from stridetwin.streams.samples import Array
 
 RATE = "--rate"
@@ -236,7 +236,7 @@ def report_rate(path: Path, columns: Columns, stamps: Array, rate_hz: float, not
     if columns.time is None or not len(steps) or np.any(steps < 0) or 2 * np.count_nonzero(steps > 0) < len(steps):
         return
     name, usual = columns.names[columns.time], float(np.median(steps[steps > 0]))
-    gaps = steps > GAP_PERIODS * usual
+    gaps = steps > LOST_ROW_PERIODS * usual
     if missing := int(np.sum(np.rint(steps[gaps] / usual) - 1)):
         notes.warn(
             f"{path.name}: {RATE} counts the rows, although {missing} are missing by the stamps of {name}: "
@@ -289,7 +289,7 @@ def _split_clock_numbers(path: Path, name: str, stamps: Array, notes: Notes) -> 
     if len(steps) < _FEWEST_STEPS or not (np.all(steps >= 0) and stamps[0] >= 0 and stamps[-1] < _LAST_CLOCK):
         return stamps
     usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
-    gaps = steps[steps > GAP_PERIODS * usual]
+    gaps = steps[steps > LOST_ROW_PERIODS * usual]
     of_minutes = np.abs(np.mod(gaps, _HOUR_NUMBER) - _MINUTE_NUMBER) <= usual * _MOST_STEPS_AT_END
     if not len(gaps) or not of_minutes.all() or usual > 1.0 or np.any(np.mod(stamps, 100) >= _MINUTE_S):
         return stamps

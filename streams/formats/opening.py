@@ -71,6 +71,7 @@ _HEADS = {MAGIC[:5]: "mcap", b"#ROSBAG": "rosbag1", b"SQLite format 3\0": "rosba
 _PACKINGS = {b"PK\3\4": "zip", b"\x28\xb5\x2f\xfd": "zstd", b"\x1f\x8b": "gzip", b"BZh": "bzip2", b"7z\xbc\xaf": "7z"}
 """First bytes of files of packed content."""
 _TABLES = "table"
+"""Kind of the tables of an IMU, and of folders of them."""
 _LAYOUTS: Mapping[str, Callable[[Path], bool]] = {
     "euroc": lambda path: euroc.find_euroc_root(path) is not None,
     "openloris": openloris.is_openloris,  # before TUM's, as it may have a depth.txt, too
@@ -165,7 +166,7 @@ def recognise(path: Path) -> str:
         return "vrs"
     suffix = path.suffix.lower()
     if suffix == ".npz" or (has_table_suffix(path) and (suffix not in OPEN_SUFFIXES or is_imu_text(path))):
-        return "table"
+        return _TABLES
     if path.suffix.lower() in _UNREAD:
         raise StrideTwinError(f"{path}: {path.suffix} files are not read: {_UNREAD[path.suffix.lower()]}")
     packing = next((name for first_bytes, name in _PACKINGS.items() if head.startswith(first_bytes)), None)
@@ -190,12 +191,12 @@ def is_table(path: Path, request: TableRequest) -> bool:
     """
     if request.columns and (path.is_file() or _has_tables(path)):
         return True
-    return recognise(path) == "table"
+    return recognise(path) == _TABLES
 
 
 def _has_tables(path: Path) -> bool:
     """Whether a path is a folder of text tables that has the layout of no other kind."""
-    if not path.is_dir() or _find_layout(path) not in (None, "table"):
+    if not path.is_dir() or _find_layout(path) not in (None, _TABLES):
         return False
     return any(map(has_table_suffix, path.iterdir()))
 
@@ -218,7 +219,7 @@ def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | N
     path, options = Path(path), options or ImportOptions()
     if options.kind is not None and options.kind not in FILE_FORMATS:
         raise ConfigError("import", "--as", options.kind, ", ".join(FILE_FORMATS))
-    kind = options.kind or ("table" if is_table(path, options.table) else recognise(path))
+    kind = options.kind or (_TABLES if is_table(path, options.table) else recognise(path))
     is_plain = not options.names and options.rig is None  # the user changes neither topics nor calibration
     # the file of a recording that StrideTwin has written; None for another tool's source
     may_be_ours = kind == "mcap" or (kind == "rosbag2" and (path.is_dir() or path.suffix == ".mcap"))
@@ -227,7 +228,8 @@ def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | N
         return Recording(own_file, lenient)
     notes = Notes(path, lenient)
     metadata = {IMPORTED_FROM: kind, "source": path.name}
-    if (per_metre := _units_per_metre(kind, options)) is not None:
+    per_metre = _units_per_metre(kind, options)
+    if per_metre is not None:
         metadata[DEPTH_UNITS] = f"{per_metre:g}"
     try:
         if own_file is not None:
@@ -251,7 +253,7 @@ def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | N
             notes.warn(f"{topic}: {text}")
     if own_file is None:  # units and clocks of our own recordings are not in doubt
         _check_plausible(source, notes)
-        _check_depth(source, rig, _units_per_metre(kind, options), notes)
+        _check_depth(source, rig, per_metre, notes)
     contents = ImportedContents(source.blocks, source.images, rig, metadata, source.unread, notes)
     if own_file is None:
         _check_overlap(contents, notes)
@@ -336,7 +338,7 @@ def _read_source(path: Path, kind: str, options: ImportOptions, notes: Notes) ->
         options: What the user gives, of which the table's header and the scale of depth matter here.
         notes: Collects problems and assumptions.
     """
-    if kind == "table":
+    if kind == _TABLES:
         _report_images(path, notes)
         if (above := describe_parent(path, _find_layout_of_images)) is not None:
             notes.warn(f"read as an IMU table alone: {above} for the whole recording")
@@ -536,7 +538,7 @@ def _clean_streams(source: Source, notes: Notes) -> Source:
     Raises:
         StrideTwinError: Nothing is left.
     """
-    if source.kind != "table":  # a table's IMUs are bridged before they are joined
+    if source.kind != _TABLES:  # a table's IMUs are bridged before they are joined
         blocks = {topic: _bridge_inertial(topic, block, notes) for topic, block in source.blocks.items()}
         source = replace(source, blocks=blocks)
     source = replace(source, blocks=_leave_out_paths(source, notes))
@@ -664,16 +666,19 @@ def _merge_rigs(rig: Rig, better: Rig) -> Rig:
 
 
 def _check_plausible(source: Source, notes: Notes) -> None:
-    """Rejects implausible units and rates, which would silently corrupt an estimate."""
+    """Rejects implausible units and rates, which would silently corrupt an estimate.
+
+    The IMUs of tables are left out: their reader has judged them, and knows the columns.
+    """
     for topic, block in source.blocks.items():
-        if block.kind in (Imu, Accelerometer):
+        if block.kind in (Imu, Accelerometer) and source.kind != _TABLES:
             sound = block[is_increasing(block.t_ns) & block.finite]  # invalid samples are reported elsewhere
             if len(sound) < _FEWEST:
                 continue
             for implausible in find_implausible_values(sound):
                 if implausible.is_error:
                     notes.add_problem(Problem(topic, int(sound.t_ns[0]), str(implausible)))
-                elif source.kind != "table":  # whose reader has warned of it
+                else:
                     notes.warn(f"{topic}: {implausible}")
     for topic, images in source.images.items():
         rising = images.t_ns[is_increasing(images.t_ns)]

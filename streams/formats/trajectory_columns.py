@@ -12,8 +12,6 @@ from stridetwin.streams.samples import QUATERNION_NORM_ERROR, Array
 
 W_FIRST, W_LAST = "wxyz", "xyzw"
 """The two orders of the numbers of a quaternion."""
-ORDERS = (W_LAST, W_FIRST)
-"""Orders that a file may have, the more frequent one first."""
 _UNITS = {
     "s": "s",
     "sec": "s",
