@@ -40,7 +40,7 @@ def make_foot_walk():
 
 
 def make_head_walk():
-    """The same samples for a head, with images of noise."""
+    """The samples of `make_foot_walk` as those of a head, with images of noise."""
     walk = make_foot_walk()
     rng = np.random.default_rng(0)
     t_ns = walk.imu.t_ns[::25]

@@ -181,14 +181,14 @@ TO_AXIS = {
 """Rotations that bring the z axis onto another one."""
 
 
-def rotated(mesh, R):
+def rotate(mesh, R):
     mesh.apply_transform(np.block([[np.array(R, float), np.zeros((3, 1))], [0, 0, 0, 1]]))
     return mesh
 
 
 @pytest.mark.parametrize("up", TO_AXIS)
 def test_any_axis_may_point_up(tmp_path, up):
-    mesh = rotated(stair(**FOUR_STEPS), TO_AXIS[up])
+    mesh = rotate(stair(**FOUR_STEPS), TO_AXIS[up])
     segments, _ = mesh_terrain(way(tmp_path / "a.stl", mesh, up=up), 2.4)
     assert [s.heights_m for s in segments if isinstance(s, Stairs)] == [pytest.approx((0.17,) * 4, abs=1e-6)]
     if up == "-z":  # its underside is level

@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from empty_files import touch_files
 
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.formats.opening import open_any
@@ -54,7 +55,7 @@ def edit(file, old, new):
 
 @pytest.mark.parametrize(
     "old_new",
-    [(" rgb/", ",rgb/"), (" rgb/", " rgb\\"), (" rgb/", " /home/me/scan/rgb/"), (" rgb/", " C:\\scan\\rgb\\")],
+    [(" rgb/", ",rgb/"), (" rgb/", " rgb\\"), (" rgb/", " /scan/rgb/"), (" rgb/", " C:\\scan\\rgb\\")],
 )
 def test_lists_of_other_machines(tmp_path, old_new):
     edit(write_tum(tmp_path) / "rgb.txt", *old_new)
@@ -162,13 +163,6 @@ def test_lenses_with_too_few_numbers(tmp_path, lens, says):
         open_any(tmp_path)
 
 
-def touch(folder, *names):
-    for name in names:
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        (folder / name).touch()
-    return folder
-
-
 @pytest.mark.parametrize(
     ("names", "given", "says"),
     [
@@ -188,7 +182,7 @@ def touch(folder, *names):
     ],
 )
 def test_other_folders_say_what_to_give(tmp_path, names, given, says):
-    touch(tmp_path, *names)
+    touch_files(tmp_path, *names)
     path = tmp_path / given
     if path.is_file():
         path.write_bytes(b"\0\0\0\x18ftypmp42")

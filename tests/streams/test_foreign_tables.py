@@ -8,37 +8,18 @@ import numpy as np
 import pytest
 from foreign_tables import BODY, FOREIGN, MAPPING, NAMES, rows, save
 from logger_files import DEG, FORCE, FORCE_R, GYRO, GYRO_R, N, T
+from table_reading import assert_refused, assert_samples, read
 
 from stridetwin.cli.main import main
-from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.formats.imu_columns import parse_mapping
-from stridetwin.streams.formats.imu_text import TableRequest
-from stridetwin.streams.formats.opening import ImportOptions, open_any
 from stridetwin.streams.formats.tum import read_tum
 from tests.streams.foot_imu import STRIDE_M, STRIDES, simulate_foot
-
-
-def read(path, topic="/foot_l/imu", **request):
-    recording = open_any(path, options=ImportOptions(table=TableRequest(**request)))
-    return recording, recording.block(topic)
-
-
-def check(block, force=FORCE, gyro=GYRO):
-    np.testing.assert_allclose(np.diff(block.t_ns), 10_000_000, atol=1000)
-    np.testing.assert_allclose(block.columns["specific_force"], force, atol=1e-6)
-    np.testing.assert_allclose(block.columns["angular_rate"], gyro, atol=1e-6)
-
-
-def refused(path, says, **request):
-    with pytest.raises(StrideTwinError, match=says) as caught:
-        read(path, **request)
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("name", FOREIGN)
 def test_a_table_needs_no_options(tmp_path, name):
     _, block = read(FOREIGN[name](tmp_path))
-    check(block)
+    assert_samples(block)
 
 
 @pytest.mark.parametrize("end", ["csv", "txt", "tsv", "dat"])
@@ -46,16 +27,18 @@ def test_a_table_needs_no_options(tmp_path, name):
 def test_columns_without_names_are_numbered(tmp_path, end, separator, decimal):
     path = save(tmp_path / f"a.{end}", "", rows(T, FORCE, GYRO, separator=separator, decimal=decimal))
     _, block = read(path, columns=parse_mapping(MAPPING))
-    check(block)
+    assert_samples(block)
 
 
 def test_a_header_that_is_missing_is_named(tmp_path):
     path = save(tmp_path / "a.csv", "", BODY)
-    refused(path, r'a\.csv: first row: invalid .*header is missing and the file has 7 columns: .*--columns "t=1\[s\]')
+    assert_refused(
+        path, r'a\.csv: first row: invalid .*header is missing and the file has 7 columns: .*--columns "t=1\[s\]'
+    )
     path = save(tmp_path / "b.csv", "# a preamble, of words\nDevice,4", BODY)
-    refused(path, r"b\.csv: first row: .*header is missing")
+    assert_refused(path, r"b\.csv: first row: .*header is missing")
     columns = parse_mapping(MAPPING.replace("gz=7", "gz=8"))
-    refused(path, r"--columns gz: invalid '8': expected .* or its number from 1 to 7", columns=columns)
+    assert_refused(path, r"--columns gz: invalid '8': expected .* or its number from 1 to 7", columns=columns)
 
 
 def test_a_title_above_the_header_is_skipped_in_a_folder(tmp_path):
@@ -68,22 +51,22 @@ def test_a_title_above_the_header_is_skipped_in_a_folder(tmp_path):
         body = rows(stamps, np.full(N, 3), values)
         save(tmp_path / f"{name}.csv", f"{name},maker,2024-01-01\n{header}", body)
     _, block = read(tmp_path)
-    check(block)
+    assert_samples(block)
 
 
 def test_each_file_of_a_folder_may_be_a_sensor(tmp_path):
     for name, force, gyro in (("walk_left", FORCE, GYRO), ("walk_right", FORCE_R, GYRO_R)):
         save(tmp_path / f"{name}.csv", NAMES, rows(T, force, gyro))
     for topic, force, gyro in (("/foot_l/imu", FORCE, GYRO), ("/foot_r/imu", FORCE_R, GYRO_R)):
-        check(read(tmp_path, topic)[1], force, gyro)
+        assert_samples(read(tmp_path, topic)[1], force, gyro)
 
 
 def test_the_tag_of_a_device_names_its_side(tmp_path):
     for tag, force, gyro in (("shoe left", FORCE, GYRO), ("shoe right", FORCE_R, GYRO_R)):
         head = f"sep=,\nDeviceTag:,{tag}\nOutputRate:,100Hz\n\n{PACKETS}"
         save(tmp_path / f"DOT_{len(tag)}.csv", head, rows(np.arange(N), force, gyro / DEG))
-    check(read(tmp_path)[1])
-    check(read(tmp_path, "/foot_r/imu")[1], FORCE_R, GYRO_R)
+    assert_samples(read(tmp_path)[1])
+    assert_samples(read(tmp_path, "/foot_r/imu")[1], FORCE_R, GYRO_R)
 
 
 @pytest.mark.parametrize("others", [("_highg", "hx_m/s/s,hy_m/s/s,hz_m/s/s"), ("_mag", "mx_uT,my_uT,mz_uT")])
@@ -92,7 +75,7 @@ def test_tables_of_other_sensors_in_a_folder_are_left_out(tmp_path, others):
     end, names = others
     save(tmp_path / f"TS-00556{end}.csv", f"time_s,{names}", rows(T, FORCE))
     save(tmp_path / "notes.txt", "the second walk\nof today", [])
-    check(read(tmp_path)[1])
+    assert_samples(read(tmp_path)[1])
 
 
 def both_by_names(folder):
@@ -119,45 +102,47 @@ def both_in_long_form(folder):
 @pytest.mark.parametrize("write", [both_by_names, both_by_a_column, both_in_long_form])
 def test_two_sensors_of_one_table(tmp_path, write):
     path = write(tmp_path)
-    check(read(path, "/foot_l/imu")[1])
-    check(read(path, "/foot_r/imu")[1], FORCE_R, GYRO_R)
+    assert_samples(read(path, "/foot_l/imu")[1])
+    assert_samples(read(path, "/foot_r/imu")[1], FORCE_R, GYRO_R)
 
 
 def test_commas_for_cells_and_decimals_are_refused(tmp_path):
     path = save(tmp_path / "a.csv", NAMES, rows(T + 0.001, FORCE, GYRO, decimal=","))
     says = r"a\.csv: cells of a row: invalid 14: expected 7, .*decimals have commas"
-    refused(path, says)
+    assert_refused(path, says)
     named = ",".join(f"{key}={key}[{u}]" for key, u in zip(NAMES.split(","), UNITS))
-    refused(path, says, columns=parse_mapping(named))
+    assert_refused(path, says, columns=parse_mapping(named))
 
 
 def test_a_row_wider_than_the_names_is_refused_or_numbered(tmp_path):
     path = save(tmp_path / "a.csv", NAMES, [f"a{k},{row}" for k, row in enumerate(BODY)])
-    refused(path, r"a\.csv: cells of a row: invalid 8: expected 7, as many as names .*--columns numbers")
+    assert_refused(path, r"a\.csv: cells of a row: invalid 8: expected 7, as many as names .*--columns numbers")
     numbered = ",".join(f"{key}={k}[{u}]" for k, (key, u) in enumerate(zip(NAMES.split(","), UNITS), 2))
-    check(read(path, columns=parse_mapping(numbered))[1])
+    assert_samples(read(path, columns=parse_mapping(numbered))[1])
 
 
 def test_a_property_above_a_narrow_table_is_no_row(tmp_path):
     body = [f"{10 * k},{name},{v!r}" for k in range(N) for name, v in zip(AXIS_NAMES, [*FORCE[k], *(GYRO[k] / DEG)])]
     body = [line.replace("np.float64(", "").replace(")", "") for line in body]
-    check(read(save(tmp_path / "a.csv", "Rate,100\nSensor,12\nt [ms],name,value", body), rate_hz=None)[1])
+    assert_samples(read(save(tmp_path / "a.csv", "Rate,100\nSensor,12\nt [ms],name,value", body), rate_hz=None)[1])
 
 
 @pytest.mark.parametrize(("name", "says"), [("walk.xlsx", "export the table as CSV"), ("walk.zip", "unpack it")])
 def test_files_that_may_have_a_table_say_what_to_do(tmp_path, name, says):
     (tmp_path / name).write_bytes(b"PK\x03\x04 and so on, for sixteen bytes")
-    refused(tmp_path / name, rf"{name}: \.\w+ files are not read: {says}")
+    assert_refused(tmp_path / name, rf"{name}: \.\w+ files are not read: {says}")
 
 
 def test_text_of_numbers_alone_says_how_to_number_its_columns(tmp_path):
     path = save(tmp_path / "a.txt", "", BODY)
-    refused(path, r'a\.txt: unknown content: .*needs names of its columns, or their numbers: --columns "t=1\[s\]')
+    assert_refused(
+        path, r'a\.txt: unknown content: .*needs names of its columns, or their numbers: --columns "t=1\[s\]'
+    )
 
 
 def test_a_file_that_is_no_text_is_refused(tmp_path):
     (tmp_path / "a.csv").write_bytes(bytes(range(256)) * 20)
-    refused(tmp_path / "a.csv", r"a\.csv: is not text")
+    assert_refused(tmp_path / "a.csv", r"a\.csv: is not text")
 
 
 UNITS = ["s", *["m/s^2"] * 3, *["rad/s"] * 3]
@@ -170,7 +155,7 @@ def test_a_rate_is_that_of_the_counter(tmp_path, size, per_sample):
     kept = np.arange(N) % 10 != 3
     counts = (size - 40 + per_sample * np.arange(N)) % size
     path = save(tmp_path / "a.txt", f"// DeviceId: 00000000\n{PACKETS}", rows(counts[kept], FORCE[kept], GYRO[kept]))
-    refused(path, r"a\.txt: t: .*without one: --rate HZ, which is then the rate of PacketCounter")
+    assert_refused(path, r"a\.txt: t: .*without one: --rate HZ, which is then the rate of PacketCounter")
     recording, block = read(path, rate_hz=100.0)
     assert len(block) == N
     np.testing.assert_allclose(block.t_ns, 1e9 * T, atol=2)
@@ -180,12 +165,12 @@ def test_a_rate_is_that_of_the_counter(tmp_path, size, per_sample):
 def test_a_counter_that_restarts_or_counts_something_else(tmp_path):
     counts = np.concatenate([np.arange(500, 560), np.arange(60)])
     path = save(tmp_path / "a.csv", PACKETS, rows(counts, FORCE, GYRO))
-    refused(
+    assert_refused(
         path, r"a\.csv: PacketCounter, row 61: invalid 0\.0: expected a count from 559 on; .*restart", rate_hz=100.0
     )
     counts = np.cumsum(np.random.default_rng(1).integers(1, 9, N))
     recording, block = read(save(tmp_path / "b.csv", PACKETS, rows(counts, FORCE, GYRO)), rate_hz=100.0)
-    check(block)
+    assert_samples(block)
     assert any("PacketCounter is no counter of samples" in w for w in recording.warnings)
 
 
@@ -198,11 +183,13 @@ def test_stamps_without_their_last_digits(tmp_path):
     np.testing.assert_allclose(block.t_ns, 1e9 * t, atol=1000)
     assert any("repeated stamps are spread" in w for w in recording.warnings)
     seconds = save(tmp_path / "b.csv", NAMES, rows(np.floor(t + 1e-9), force, gyro))
-    refused(seconds, r"IMU, t: invalid '20 different stamps in 2000 rows, up to 100 rows .*digits of the stamps lost")
+    assert_refused(
+        seconds, r"IMU, t: invalid '20 different stamps in 2000 rows, up to 100 rows .*digits of the stamps lost"
+    )
     _, block = read(seconds, rate_hz=100.0)
     np.testing.assert_allclose(block.t_ns, 1e9 * t, atol=2)
     single = save(tmp_path / "c.csv", NAMES, rows(np.full(2000, 1.7e9), force, gyro))
-    refused(single, r"c\.csv: t: .*stamps that increase; were their last digits lost\? .*--rate HZ")
+    assert_refused(single, r"c\.csv: t: .*stamps that increase; were their last digits lost\? .*--rate HZ")
 
 
 def test_a_rate_that_contradicts_the_stamps_is_reported(tmp_path):
@@ -222,29 +209,29 @@ def test_whole_seconds_and_their_rest_are_added(tmp_path):
     names += [f"{q}.{a}" for q in ("angular_velocity", "linear_acceleration") for a in "xyz"]
     stamps = 1_990_000_000 + 10_000_000 * np.arange(N)
     _, block = read(save(tmp_path / "a.csv", ",".join(names), rows(stamps // 10**9, stamps % 10**9, GYRO, FORCE)))
-    check(block)
+    assert_samples(block)
     assert block.t_ns[0] == 1_990_000_000
 
 
 def test_a_clock_of_32_bits_begins_again(tmp_path):
     stamps = (2**32 - 400_000 + 10_000 * np.arange(N)) % 2**32
     recording, block = read(save(tmp_path / "a.csv", NAMES.replace("t,", "t (us),"), rows(stamps, FORCE, GYRO)))
-    check(block)
+    assert_samples(block)
     assert any("t (us) begins again after 2³² counts 1 times" in w for w in recording.warnings)
 
 
 @pytest.mark.parametrize("unit", ["Â°/s", "\ufffd/s", "?/s", "°·s⁻¹", "deg.s-1", "DPS", "°/sec"])
 def test_units_of_rates_in_other_spellings(tmp_path, unit):
     names = NAMES.replace("gx,gy,gz", ",".join(f"g{a} [{unit}]" for a in "xyz"))
-    check(read(save(tmp_path / "a.csv", names, rows(T, FORCE, GYRO / DEG)))[1])
+    assert_samples(read(save(tmp_path / "a.csv", names, rows(T, FORCE, GYRO / DEG)))[1])
 
 
 def test_units_above_the_names_and_forces_without_gravity(tmp_path):
     units = "s,m/s^2,m/s^2,m/s^2,rad/s,rad/s,rad/s"
-    check(read(save(tmp_path / "a.csv", f"{units}\ntime,ax,ay,az,gx,gy,gz", BODY))[1])
+    assert_samples(read(save(tmp_path / "a.csv", f"{units}\ntime,ax,ay,az,gx,gy,gz", BODY))[1])
     names = PACKETS.replace("Acc", "FreeAcc")
     path = save(tmp_path / "b.csv", names, rows(np.arange(N), FORCE, GYRO))
-    refused(path, r"b\.csv: forces: invalid 'FreeAcc_X': expected forces with gravity", rate_hz=100.0)
+    assert_refused(path, r"b\.csv: forces: invalid 'FreeAcc_X': expected forces with gravity", rate_hz=100.0)
 
 
 def test_a_lost_packet_is_bridged_and_a_late_one_spread(tmp_path):
@@ -300,7 +287,7 @@ def test_a_few_rows_of_zeros_and_a_table_of_zeros(tmp_path):
     assert any("1 gaps of more than 0.1 s" in w for w in recording.warnings)
     gyro[np.arange(600) % 15 != 0] = 0.0
     path = save(tmp_path / "b.csv", NAMES, rows(LONG_T, force, gyro))
-    refused(path, r"IMU, gyro: invalid 'zeros.*in 5[0-9][0-9] of 600 rows'")
+    assert_refused(path, r"IMU, gyro: invalid 'zeros.*in 5[0-9][0-9] of 600 rows'")
 
 
 @pytest.mark.parametrize("rows_per_reading", [2, 4])
@@ -333,10 +320,10 @@ def test_the_unit_of_ticks_and_rates_of_xsens(tmp_path):
     assert any("SampleTimeFine counts µs, as of a DOT: rates in deg/s assumed" in w for w in recording.warnings)
     body = rows(np.arange(N), 100 * np.arange(N), FORCE, GYRO)
     names = PACKETS.replace("PacketCounter", "PacketCounter,SampleTimeFine")
-    check(read(save(tmp_path / "mtw.csv", names, body))[1])
+    assert_samples(read(save(tmp_path / "mtw.csv", names, body))[1])
     given = names.replace("Gyr_X", "Gyr_X (deg/s)").replace("Gyr_Y", "Gyr_Y (deg/s)").replace("Gyr_Z", "Gyr_Z (deg/s)")
     body = rows(np.arange(N), 100 * np.arange(N), FORCE, GYRO / DEG)
-    check(read(save(tmp_path / "units.csv", given, body))[1])
+    assert_samples(read(save(tmp_path / "units.csv", given, body))[1])
 
 
 def without_every_second_rate(folder):

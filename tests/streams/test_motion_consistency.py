@@ -1,7 +1,5 @@
 """Rates that contradict the forces of a sensor that never rests are noticed, with the cause; sound ones never are."""
 
-import math
-
 import numpy as np
 import pytest
 
@@ -14,9 +12,8 @@ from stridetwin.streams.plausible import find_implausible_values
 from stridetwin.streams.recording.reader import Recording, RecordingWriter
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, Imu
+from tests.streams.rate_mistakes import DEGREE, RATE_MISTAKES
 from tests.streams.worn_imu import simulate_worn
-
-DEGREE = math.pi / 180
 
 
 def to_stamps(t):
@@ -49,19 +46,7 @@ def test_an_uncalibrated_sensor_is_no_fault():
     assert find_motion_fault(to_stamps(t), 1.02 * force, 0.97 * rate + bias) is None
 
 
-@pytest.mark.parametrize(
-    ("factor", "cause"),
-    [
-        (np.eye(3) / DEGREE, "the rates are in °/s"),
-        (np.eye(3) * DEGREE, "the rates are in rad/s, and were taken for °/s"),
-        (1000 * np.eye(3), "the rates are 1000 times too large"),
-        (2 * np.eye(3), "the rates are twice too large"),
-        (np.eye(3)[[1, 0, 2]], "the axes x, y, z of the forces are y, x, z of the rates"),
-        (np.eye(3)[[1, 2, 0]], "the axes x, y, z of the forces are z, x, y of the rates"),
-        (np.diag([1.0, -1.0, 1.0]), "the axes x, y, z of the forces are x, -y, z of the rates"),
-        (-np.eye(3), "the axes x, y, z of the forces are -x, -y, -z of the rates"),
-    ],
-)
+@pytest.mark.parametrize(("factor", "cause"), RATE_MISTAKES)
 def test_the_cause_is_named(factor, cause):
     assert cause_of(factor) == cause
 

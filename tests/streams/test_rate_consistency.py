@@ -1,15 +1,12 @@
 """Angular rates that contradict the forces are noticed, with the cause; sound ones never are."""
 
-import math
-
 import numpy as np
 import pytest
 
 from benchmarks.real_walks import data_folder, load_loop, load_markers, load_stairs, load_vicon
 from stridetwin.streams.rate_consistency import find_rate_fault
 from tests.streams.foot_imu import simulate_foot
-
-DEGREE = math.pi / 180
+from tests.streams.rate_mistakes import RATE_MISTAKES
 
 
 def fault_of(factor: np.ndarray, seed: int = 0) -> str:
@@ -29,19 +26,7 @@ def test_an_uncalibrated_scale_is_no_fault(scale):
     assert fault_of(scale * np.eye(3)) == ""
 
 
-@pytest.mark.parametrize(
-    ("factor", "cause"),
-    [
-        (np.eye(3) / DEGREE, "the rates are in °/s"),
-        (np.eye(3) * DEGREE, "the rates are in rad/s, and were taken for °/s"),
-        (1000 * np.eye(3), "the rates are 1000 times too large"),
-        (2 * np.eye(3), "the rates are twice too large"),
-        (np.eye(3)[[1, 0, 2]], "the axes x, y, z of the forces are y, x, z of the rates"),
-        (np.eye(3)[[1, 2, 0]], "the axes x, y, z of the forces are z, x, y of the rates"),
-        (np.diag([1.0, -1.0, 1.0]), "the axes x, y, z of the forces are x, -y, z of the rates"),
-        (-np.eye(3), "the axes x, y, z of the forces are -x, -y, -z of the rates"),
-    ],
-)
+@pytest.mark.parametrize(("factor", "cause"), RATE_MISTAKES)
 def test_the_cause_is_named(factor, cause):
     assert fault_of(factor) == cause
 

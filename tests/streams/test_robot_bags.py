@@ -5,6 +5,7 @@ import shutil
 
 import numpy as np
 import pytest
+from empty_files import touch_files
 from mcap.writer import Writer
 from robot_files import (
     IMAGE_TYPE,
@@ -181,13 +182,6 @@ def test_metadata_that_do_not_fit(tmp_path, old, new, says):
         open_any(bag)
 
 
-def touched(folder, *names):
-    for name in names:
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        (folder / name).touch()
-    return folder
-
-
 @pytest.mark.parametrize(
     ("names", "says"),
     [
@@ -200,7 +194,7 @@ def touched(folder, *names):
 )
 def test_a_folder_of_no_known_layout_says_what_it_has(tmp_path, names, says):
     with pytest.raises(StrideTwinError, match="unknown layout: expected a folder of one of the kinds") as caught:
-        open_any(touched(tmp_path, *names))
+        open_any(touch_files(tmp_path, *names))
     (line,) = str(caught.value).splitlines()
     assert re.search(says, line)
 
@@ -211,7 +205,7 @@ def test_images_beside_tables_are_named(tmp_path):
         table = np.column_stack((np.arange(40) / 100, rng.normal(mean, 0.01, (40, 3))))
         header = ",".join(["t[s]", *(f"{a}[{'m/s²' if mean[2] else 'rad/s'}]" for a in "xyz")])
         np.savetxt(tmp_path / f"{name}.csv", table, delimiter=",", header=header, comments="", encoding="utf-8")
-    touched(tmp_path, "left/000.png")
+    touch_files(tmp_path, "left/000.png")
     recording = open_any(tmp_path)
     assert any("the images in left/ have no layout that is read" in w for w in recording.warnings)
 
