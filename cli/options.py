@@ -312,7 +312,7 @@ def check_outputs(command: str, arguments: Options) -> None:
     Raises:
         ConfigError: An output is also an input, is given twice, or cannot be a file.
     """
-    option_values = dict(vars(arguments))  # the options' values by name; outputs are taken out below, inputs remain
+    option_values = dict(vars(arguments))  # outputs are taken out below, inputs remain
     if command == "history":
         option_values["file"] = option_values.pop("history")  # an input
     outputs = {name: option_values.pop(name) for name in _OUTPUTS if isinstance(option_values.get(name), Path)}

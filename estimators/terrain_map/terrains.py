@@ -111,9 +111,8 @@ class Terrains:
         rows = [tuple(row) for row in find_flights(self._find_risers(planes, plane_set), p)]
         self._stairs = {row: self._stairs.get(row) or self._fit_flight(row, planes, refine) for row in rows}
         walkable = select_walkable(rows, planes, walked, p)
-        if (
-            not self._walked.has_moved
-        ):  # a leg or the border of the image may hide much of the first flight that is seen
+        if not self._walked.has_moved:
+            # a leg or the border of the image may hide much of the first flight that is seen
             walkable = [row for row in rows if len(row) > 1 or row in walkable]
         terrains: list[Terrain] = [self._stairs[row] for row in walkable]
         treads = {riser.upper for row in walkable for riser in row[:-1]}  # without the landing

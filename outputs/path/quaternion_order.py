@@ -39,8 +39,7 @@ def steps_to_order(
         steps: Rolls to try: 1 makes w, x, y, z of x, y, z, w, and -1 of z, w, x, y (w first read as w last).
         by_shape: Another order is also right if the attitudes turn the positions to the true ones much better with it.
     """
-    every = slice(None, None, 1 + len(truth) // _MAX_POSES)  # enough poses
-    estimate, truth = estimate[every], truth[every]
+    estimate, truth = _thin_out(estimate), _thin_out(truth)
     read = _misfit(estimate, truth)
     for step in steps:
         q = np.roll(estimate.q_world_frame, step, axis=1)
@@ -48,6 +47,11 @@ def steps_to_order(
         if _agrees(other, read, by_shape=by_shape):
             return step
     return 0
+
+
+def _thin_out(path: Trajectory) -> Trajectory:
+    """Up to `_MAX_POSES` poses, evenly over a path: enough to compare attitudes."""
+    return path[:: 1 + len(path) // _MAX_POSES]
 
 
 class _Misfit(NamedTuple):
@@ -90,8 +94,7 @@ def is_inverse(estimate: Trajectory, truth: Trajectory) -> bool:
         estimate: N poses in a world of their own.
         truth: The true poses at the same stamps.
     """
-    every = slice(None, None, 1 + len(truth) // _MAX_POSES)
-    estimate, truth = estimate[every], truth[every]
+    estimate, truth = _thin_out(estimate), _thin_out(truth)
     error = _turning_error(estimate.q_world_frame, truth)
     return error > _MIN_ERROR_RAD and _RATIO * _turning_error(estimate.q_world_frame * [1, -1, -1, -1], truth) < error
 
@@ -106,8 +109,7 @@ def turn_of_frame(estimate: Trajectory, truth: Trajectory) -> float:
         estimate: N poses in a world of their own.
         truth: The true poses at the same stamps.
     """
-    every = slice(None, None, 1 + len(truth) // _MAX_POSES)
-    paths = (estimate[every], truth[every])
+    paths = (_thin_out(estimate), _thin_out(truth))
     of_estimate, of_truth = (Rotation.from_quat(path.q_world_frame, scalar_first=True) for path in paths)
     in_frame, in_world = of_truth.inv() * of_estimate, of_estimate * of_truth.inv()
     mean = in_frame.mean()
