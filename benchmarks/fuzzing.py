@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.command import answer, command
-from benchmarks.fuzz_judge import Limits, judge
+from benchmarks.fuzz_judge import Limits, can_measure_growth, judge
 from benchmarks.fuzz_mutators import unpack
 from benchmarks.fuzz_targets import ROOT, TARGETS
 from stridetwin.streams.errors import ConfigError, StrideTwinError
@@ -49,6 +49,8 @@ def fuzz_targets(arguments: Namespace) -> dict[str, Any]:
         return {"replay": _replay(arguments.replay)}
     if importlib.util.find_spec("atheris") is None:
         raise StrideTwinError(f"atheris is not installed; fuzzing needs it: pip install atheris=={ATHERIS}")
+    if not can_measure_growth():
+        print("the peak of memory cannot be reset here: inputs that take much memory may be missed", file=sys.stderr)
     findings = arguments.findings.resolve()  # the processes run in another folder
     findings.mkdir(parents=True, exist_ok=True)
     summary, places = {}, {}

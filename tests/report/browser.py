@@ -85,7 +85,7 @@ class Browser:
         deadline = time.monotonic() + seconds
         while not (met := self._value(condition)) and time.monotonic() < deadline:
             time.sleep(0.2)
-        return met
+        return bool(met)
 
     def screenshot(self, path: Path) -> None:
         """Saves the whole page as PNG."""
@@ -104,7 +104,8 @@ class Browser:
         return [u[:80] for u in urls if not u.startswith(("data:", "file:", "blob:"))]
 
     def _value(self, expression):
-        return self._ask("Runtime.evaluate", expression=expression, returnByValue=True)["result"]["value"]
+        """What an expression gives; None for undefined, as what is not drawn yet gives."""
+        return self._ask("Runtime.evaluate", expression=expression, returnByValue=True)["result"].get("value")
 
     def _ask(self, method, **parameters):
         self._count += 1
