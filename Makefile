@@ -13,6 +13,8 @@ DEMO_READY := $(VENV)/.ready-demo
 INPUTS := pyproject.toml constraints.txt tools/install.sh tools/system_packages.sh
 DEMO := runs/demo
 SEED ?= 1000
+# many processes start; each would compile all modules again where the environment forbids to keep them compiled
+export PYTHONDONTWRITEBYTECODE :=
 
 .PHONY: demo test check docs wheel setup clean
 
