@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from stridetwin.scenarios.image_rotation import PairTracks
+from stridetwin.streams.algebra.arrays import cross
 from stridetwin.streams.rays import find_rays
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array
@@ -36,18 +37,12 @@ def find_epipolar_cost(camera: CameraCalibration, tracks: PairTracks, R: Array, 
         np.column_stack((find_rays(pixels, camera), np.ones(len(pixels)))) for pixels in (tracks.before, tracks.after)
     )
     turned = x @ R.T
-    normals = _multiply_crosswise(turned, y)  # a translation is perpendicular to each of them
+    normals = cross(turned, y)  # a translation is perpendicular to each of them
     scale = camera.intrinsics[0] / (tracks.tracked_px * _NOISE_PX)
     starts = np.stack([np.linalg.eigh(normals.T @ normals)[1][:, 0], _AHEAD, before])
     costs, directions = _refine(turned, normals, scale, starts)
     best = int(np.argmin(costs))
     return float(costs[best]), directions[best]
-
-
-def _multiply_crosswise(a: Array, b: Array) -> Array:
-    """Cross products of rows (N, 3); several times as fast as `numpy.cross` for a few hundred of them."""
-    x, y = a.T, b.T
-    return np.column_stack((x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]))
 
 
 def _refine(turned: Array, normals: Array, scale: float, starts: Array) -> tuple[Array, Array]:
