@@ -287,11 +287,11 @@ def _solve_motion(
         return None
     # in units of the noise of a feature
     scale = np.array(camera.intrinsics[:2]) / (tracks.tracked_px * _POINT_NOISE_PX) / points[:, 2:]  # (P, 2)
-    A = np.zeros((len(points), 2, 4))
-    A[:, 0, 0], A[:, 1, 1] = 1.0, 1.0
-    A[:, :, 2] = -after
-    A[:, :, 3] = by_readout[:, :2] - after * by_readout[:, 2:]
-    A = (A * scale[..., None]).reshape(-1, 4)  # two rows a feature
+    rows = np.zeros((len(points), 2, 4))
+    rows[:, 0, 0], rows[:, 1, 1] = 1.0, 1.0
+    rows[:, :, 2] = -after
+    rows[:, :, 3] = by_readout[:, :2] - after * by_readout[:, 2:]
+    A: Array = (rows * scale[..., None]).reshape(-1, 4)
     b = ((after * points[:, 2:] - points[:, :2]) * scale).reshape(-1)
     most = (_WORST_POINT_PX / _POINT_NOISE_PX) ** 2
     weight = np.ones(len(points))
@@ -302,8 +302,9 @@ def _solve_motion(
         value = np.linalg.solve(normal, weighted @ b)
         squared = ((A @ value - b) ** 2).reshape(-1, 2).sum(axis=1)
         weight = 1 / (1 + squared / most)
+    misfit = float(np.sum(most * np.log1p(squared / most)))
     return _PointMotion(
-        value=value, covariance=np.linalg.inv(normal), misfit=float(np.sum(most * np.log1p(squared / most)))
+        value=np.asarray(value, float), covariance=np.asarray(np.linalg.inv(normal), float), misfit=misfit
     )
 
 
