@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from stridetwin.scenarios.image_rotation import PairTracks
+from stridetwin.streams.algebra.arrays import cross
 from stridetwin.streams.rays import find_rays
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array
@@ -36,28 +37,33 @@ def find_epipolar_cost(camera: CameraCalibration, tracks: PairTracks, R: Array, 
         np.column_stack((find_rays(pixels, camera), np.ones(len(pixels)))) for pixels in (tracks.before, tracks.after)
     )
     turned = x @ R.T
-    normals = np.cross(turned, y)  # a translation is perpendicular to each of them
+    normals = cross(turned, y)  # a translation is perpendicular to each of them
     scale = camera.intrinsics[0] / (tracks.tracked_px * _NOISE_PX)
-    starts = (np.linalg.eigh(normals.T @ normals)[1][:, 0], _AHEAD, before)
-    return min((_refine(turned, normals, scale, start) for start in starts), key=lambda result: result[0])
+    starts = np.stack([np.linalg.eigh(normals.T @ normals)[1][:, 0], _AHEAD, before])
+    costs, directions = _refine(turned, normals, scale, starts)
+    best = int(np.argmin(costs))
+    return float(costs[best]), directions[best]
 
 
-def _refine(turned: Array, normals: Array, scale: float, start: Array) -> tuple[float, Array]:
-    """Cost and direction (3,) of the translation, as `find_epipolar_cost` gives them, from one start.
+def _refine(turned: Array, normals: Array, scale: float, starts: Array) -> tuple[Array, Array]:
+    """Costs (S,) and directions (S, 3) of the translation, as `find_epipolar_cost` gives them, from S starts.
 
     Args:
         turned: (N, 3) rays of the first image in the axes of the second.
         normals: (N, 3) cross products of these with the rays of the second image.
         scale: A distance of 1 in normalised coordinates, in units of the noise.
-        start: (3,) first direction.
+        starts: (S, 3) first directions.
     """
     most = (_WORST_PX / _NOISE_PX) ** 2
-    direction = start
+    x, y, z = turned.T
+    products = (normals[:, :, None] * normals[:, None, :]).reshape(-1, 9)
+    directions = starts
     for left in reversed(range(_ROUNDS + 1)):
-        lines = np.cross(direction, turned)
-        squared_norm = lines[:, 0] ** 2 + lines[:, 1] ** 2 + 1e-8
-        squared = (normals @ direction) ** 2 / squared_norm * scale**2
+        along_x, along_y, along_z = directions.T[:, :, None]
+        # the line of a feature is the cross product of the direction and its ray; its first two entries are the normal
+        squared_norm = (along_y * z - along_z * y) ** 2 + (along_z * x - along_x * z) ** 2 + 1e-8  # (S, N)
+        squared = (directions @ normals.T) ** 2 / squared_norm * scale**2
         if left:
             weight = 1 / squared_norm / (1 + squared / most)
-            direction = np.linalg.eigh((normals * weight[:, None]).T @ normals)[1][:, 0]
-    return float(np.sum(most * np.log1p(squared / most))), direction
+            directions = np.linalg.eigh((weight @ products).reshape(-1, 3, 3))[1][:, :, 0]
+    return np.sum(most * np.log1p(squared / most), axis=1), directions

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stridetwin.scenarios.image_rotation import PairTracks
-from stridetwin.streams.algebra.arrays import exp
+from stridetwin.streams.algebra.arrays import cross, exp
 from stridetwin.streams.even_steps import integrate
 from stridetwin.streams.rays import find_rays
 from stridetwin.streams.rig import CameraCalibration
@@ -280,29 +280,31 @@ def _solve_motion(
     late = np.column_stack((tracks.before[has_depth, 1], tracks.after[has_depth, 1])) / camera.height - 0.5
     turn = late[:, 1:] * rates[1] - late[:, :1] * rates[0]
     # points move against the camera
-    by_readout = -READOUT_UNIT_S * (np.cross(turn, points) + late.mean(axis=1)[:, None] * speed_up)
+    by_readout = -READOUT_UNIT_S * (cross(turn, points) + late.mean(axis=1)[:, None] * speed_up)
     in_front = points[:, 2] > 0
     points, after, by_readout = points[in_front], after[in_front], by_readout[in_front]
     if len(points) < _FEWEST_POINTS:
         return None
     # in units of the noise of a feature
     scale = np.array(camera.intrinsics[:2]) / (tracks.tracked_px * _POINT_NOISE_PX) / points[:, 2:]  # (P, 2)
-    A = np.zeros((len(points), 2, 4))
-    A[:, 0, 0], A[:, 1, 1] = 1.0, 1.0
-    A[:, :, 2] = -after
-    A[:, :, 3] = by_readout[:, :2] - after * by_readout[:, 2:]
-    A *= scale[..., None]
-    b = (after * points[:, 2:] - points[:, :2]) * scale
+    rows = np.zeros((len(points), 2, 4))
+    rows[:, 0, 0], rows[:, 1, 1] = 1.0, 1.0
+    rows[:, :, 2] = -after
+    rows[:, :, 3] = by_readout[:, :2] - after * by_readout[:, 2:]
+    A: Array = (rows * scale[..., None]).reshape(-1, 4)
+    b = ((after * points[:, 2:] - points[:, :2]) * scale).reshape(-1)
     most = (_WORST_POINT_PX / _POINT_NOISE_PX) ** 2
     weight = np.ones(len(points))
     for _ in range(_POINT_ROUNDS):
         # without rotation the readout is unknown; the little weight keeps it at 0
-        normal = np.einsum("p,pij,pik->jk", weight, A, A) + 1e-6 * np.eye(4)
-        value = np.linalg.solve(normal, np.einsum("p,pij,pi->j", weight, A, b))
-        squared = np.sum((A @ value - b) ** 2, axis=1)
+        weighted = A.T * weight.repeat(2)
+        normal = weighted @ A + 1e-6 * np.eye(4)
+        value = np.linalg.solve(normal, weighted @ b)
+        squared = ((A @ value - b) ** 2).reshape(-1, 2).sum(axis=1)
         weight = 1 / (1 + squared / most)
+    misfit = float(np.sum(most * np.log1p(squared / most)))
     return _PointMotion(
-        value=value, covariance=np.linalg.inv(normal), misfit=float(np.sum(most * np.log1p(squared / most)))
+        value=np.asarray(value, float), covariance=np.asarray(np.linalg.inv(normal), float), misfit=misfit
     )
 
 
