@@ -147,6 +147,7 @@ def measure(arguments: Namespace) -> dict[str, Any]:
     rows = []
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(arguments.folder or temporary)
+        folder.mkdir(parents=True, exist_ok=True)
         for seed in range(first, last + 1):
             for kind in arguments.kinds:
                 rows.append({"walk": kind, "seed": seed, **map_flights(record_walk(kind, seed, folder))})
