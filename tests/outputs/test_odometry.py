@@ -15,7 +15,7 @@ from stridetwin.streams.formats.opening import open_with_warnings
 from stridetwin.streams.formats.tum import read_tum
 from stridetwin.streams.recording.reader import Recording
 from tests.plots import figures
-from tests.small_camera import write_small_camera
+from tests.small_camera import one_renderer, write_small_camera
 
 WALK = """\
 description: a few steps in a room
@@ -40,7 +40,8 @@ def walked(tmp_path_factory):
     folder = tmp_path_factory.mktemp("odometry")
     (folder / "walk.yaml").write_text(WALK)
     write_small_camera(folder / "small_camera.yaml")
-    assert main(["run", str(folder / "walk.yaml"), "--seed", "3", "--no-film", "-o", str(folder / "walk")]) == 0
+    with one_renderer():
+        assert main(["run", str(folder / "walk.yaml"), "--seed", "3", "--no-film", "-o", str(folder / "walk")]) == 0
     return folder / "walk"
 
 
