@@ -4,15 +4,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fake_twin import FakeTwin
 
 import stridetwin as st
 from stridetwin.estimators.registry import names
+from stridetwin.scenarios import record
 from stridetwin.sim.config import Level, Route, TwinConfig
 from stridetwin.streams.errors import ConfigError
 
 
 @pytest.mark.parametrize("scenario", ["level_20m", Path("walk.yaml"), "walk.yaml", "scenario", "config"])
-def test_a_twin_is_made_of_a_name_a_path_a_scenario_or_a_configuration(simulator, monkeypatch, tmp_path, scenario):
+def test_a_twin_is_made_of_a_name_a_path_a_scenario_or_a_configuration(monkeypatch, tmp_path, scenario):
+    monkeypatch.setattr(record, "twin_class", lambda: FakeTwin)
     monkeypatch.chdir(tmp_path)
     Path("walk.yaml").write_text("description: A walk.\nterrain: [{level: {length_m: 3}}]\n", encoding="utf-8")
     config = TwinConfig(name="walk", route=Route(segments=(Level(length_m=3.0),)))

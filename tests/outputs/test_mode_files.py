@@ -18,6 +18,7 @@ from stridetwin.sim.config import Gait, Level, Route, TwinConfig
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.recording.reader import Recording, RecordingWriter
+from tests.small_camera import one_renderer, small_camera
 
 
 @pytest.fixture(scope="module")
@@ -29,9 +30,10 @@ def walk(tmp_path_factory):
         route=Route(segments=(Level(length_m=2.5),)),
         sensors=("insole", "head_imu", "head_camera"),
         gait=Gait(stand_s=0.6),
-        fittings={"head_camera": SensorConfig(rate_hz=10.0)},
+        fittings={"head_camera": SensorConfig(part=small_camera(path.parent), rate_hz=10.0)},
     )
-    record(Twin(config, 5), path, lambda *_: None)
+    with one_renderer():
+        record(Twin(config, 5), path, lambda *_: None)
     return path
 
 

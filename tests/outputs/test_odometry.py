@@ -15,6 +15,7 @@ from stridetwin.streams.formats.opening import open_with_warnings
 from stridetwin.streams.formats.tum import read_tum
 from stridetwin.streams.recording.reader import Recording
 from tests.plots import figures
+from tests.small_camera import one_renderer, write_small_camera
 
 WALK = """\
 description: a few steps in a room
@@ -22,7 +23,7 @@ terrain:
   - level: {length_m: 1.5}
 scenery: room
 sensors:
-  head_camera: {rate_hz: 10}
+  head_camera: {part: small_camera.yaml, rate_hz: 10}
   foot_imu: false
   foot_camera: false
   sonar: false
@@ -38,7 +39,9 @@ gait: {stand_s: 1.2}
 def walked(tmp_path_factory):
     folder = tmp_path_factory.mktemp("odometry")
     (folder / "walk.yaml").write_text(WALK)
-    assert main(["run", str(folder / "walk.yaml"), "--seed", "3", "--no-film", "-o", str(folder / "walk")]) == 0
+    write_small_camera(folder / "small_camera.yaml")
+    with one_renderer():
+        assert main(["run", str(folder / "walk.yaml"), "--seed", "3", "--no-film", "-o", str(folder / "walk")]) == 0
     return folder / "walk"
 
 

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
 from contextlib import nullcontext
 from dataclasses import replace
 
@@ -13,37 +10,6 @@ import pytest
 from stridetwin.run import compile_ahead as module
 from stridetwin.run.compile_ahead import compile_ahead
 from stridetwin.streams.recording.reader import Recording
-
-LEFT_TO_COMPILE = """
-import gc, json, sys
-from numba.core.dispatcher import Dispatcher
-from stridetwin.outputs.feeding import runnable_instances
-from stridetwin.estimators import registry
-from stridetwin.outputs.registry import kind_of
-from stridetwin.run.compile_ahead import compile_estimator
-from stridetwin.streams.recording.reader import Recording
-
-def count_signatures():
-    kernels = [d for d in gc.get_objects() if isinstance(d, Dispatcher)]
-    return {f"{d.py_func.__module__}.{d.py_func.__name__}": len(d.signatures) for d in kernels}
-
-recording, name = Recording(sys.argv[1]), sys.argv[2]
-compile_estimator(name, recording.metadata)
-before = count_signatures()
-estimator_class = registry.estimator(name)
-for instance in runnable_instances(estimator_class, recording):
-    kind_of(estimator_class.declaration).run(instance, recording)
-after = count_signatures()
-print(json.dumps([sum(after.values()), sorted(k for k, n in after.items() if n != before.get(k, 0))]))
-"""
-
-
-@pytest.mark.parametrize("estimator", ["foot_ins", "dvio"])
-def test_nothing_is_left_to_compile_on_a_recording(seen, estimator):
-    command = [sys.executable, "-c", LEFT_TO_COMPILE, str(seen), estimator]
-    kernels, left = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
-    assert kernels > 0
-    assert left == []
 
 
 @pytest.fixture

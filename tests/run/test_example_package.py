@@ -20,6 +20,7 @@ from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.tum import read_tum
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.trajectory import Pose
+from tests.small_camera import write_small_camera
 
 PACKAGE = Path(__file__).parent / "example_package"
 NAMES = {"gravity_foot_l", "gravity_foot_r"}
@@ -95,9 +96,10 @@ def test_a_map_and_a_mode_predictor_take_part(installed, tmp_path, capsys):
     scenario.write_text(
         "description: A few steps\nterrain: [{level: {length_m: 1.5}}]\ngait: {stand_s: 0.5}\n"
         "physics: kinematic\n"
-        "sensors: {foot_imu: true, insole: true, head_camera: {rate_hz: 10}, sonar: false, foot_camera: false,\n"
-        "          ahrs: false, encoder: false, interaction: false, actuator: false}\n"
+        "sensors: {foot_imu: true, insole: true, head_camera: {part: small_camera.yaml, rate_hz: 10}, sonar: false,\n"
+        "          foot_camera: false, ahrs: false, encoder: false, interaction: false, actuator: false}\n"
     )
+    write_small_camera(tmp_path / "small_camera.yaml")
     folder = tmp_path / "walk"
     scores = printed(capsys, "run", scenario, "--no-film", "-o", folder)["estimators"]
     assert scores["flat_ground"]["completeness_pct"] > 0.0

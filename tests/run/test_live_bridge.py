@@ -37,6 +37,12 @@ from stridetwin.streams.rig import CameraCalibration, Mount, Rig
 from stridetwin.streams.samples import Accelerometer, Depth, Image, Range
 
 
+@pytest.fixture
+def started(monkeypatch):
+    """Nothing is compiled ahead, which takes seconds and changes no estimate; `test_warm_up.py` is about that."""
+    monkeypatch.setattr(compile_ahead, "synthetic_samples", lambda *_: [])
+
+
 def estimated(*words):
     assert main(["estimate", *map(str, words)]) == 0
 
@@ -59,6 +65,7 @@ def test_one_foot_live_is_one_foot_offline_and_everything_is_recorded(seen, tmp_
     assert any(line.startswith("from arrival to estimate") for line in made.lines)
 
 
+@pytest.mark.usefixtures("started")
 def test_feet_of_two_senders_live_are_feet_offline(seen, tmp_path):
     recording, rig = seen, tmp_path / "rig.yaml"
     write_rig(Recording(recording).rig, rig)
@@ -87,6 +94,7 @@ def test_feet_of_two_senders_live_are_feet_offline(seen, tmp_path):
         assert late or np.abs(result - true).max() < 1e-12
 
 
+@pytest.mark.usefixtures("started")
 def test_steps_live_are_steps_offline(seen, tmp_path):
     result, offline = tmp_path / "live.csv", tmp_path / "offline.csv"
     estimated("contact_terrain", seen, "-o", offline)
@@ -100,7 +108,8 @@ def poses_and_rest(recording, odometry):
     return merge_poses(odometry.path[odometry.healthy], recording, [*INSOLES, "/head/depth"], odometry.camera)
 
 
-def test_the_head_s_estimators_live_are_those_offline(seen, tmp_path, monkeypatch):
+@pytest.mark.usefixtures("started")
+def test_the_head_s_estimators_live_are_those_offline(seen, tmp_path):
     recording = Recording(seen)
     (odometry,) = Dvio.follow(recording, Options())
     assert odometry.healthy.any()
@@ -116,7 +125,6 @@ def test_the_head_s_estimators_live_are_those_offline(seen, tmp_path, monkeypatc
     assert set(result) == {"dvio", "locomotion_mode"}
     assert set(result["locomotion_mode"]) == {"/head/depth", *INSOLES}
     assert set(result["dvio"]) == {"/head/imu", "/head/color", "/head/depth"}
-    monkeypatch.setattr(compile_ahead, "synthetic_samples", lambda *_: [])  # all is compiled by now
     alive(["terrain_map", "-o", tmp_path / "live.json"], sent(seen))
     for suffix in ("json", "ply"):
         assert (tmp_path / f"live.{suffix}").read_bytes() == (tmp_path / f"offline.{suffix}").read_bytes()
@@ -125,6 +133,7 @@ def test_the_head_s_estimators_live_are_those_offline(seen, tmp_path, monkeypatc
     assert (tmp_path / "live.txt").read_bytes() == (tmp_path / "offline.txt").read_bytes()
 
 
+@pytest.mark.usefixtures("started")
 def test_a_folder_of_another_tool_can_be_sent(seen, tmp_path):
     table, result = tmp_path / "imu.csv", tmp_path / "live.txt"
     main(["export", str(seen), "--format", "table", "-o", str(table)])
@@ -134,6 +143,7 @@ def test_a_folder_of_another_tool_can_be_sent(seen, tmp_path):
     assert len(result.read_text().splitlines()) == len(table.read_text().splitlines()) - 1
 
 
+@pytest.mark.usefixtures("started")
 def test_in_real_time_the_way_from_stamp_to_arrival_is_measured(seen, tmp_path):
     def some(where):
         recording = Recording(seen)
@@ -181,8 +191,8 @@ def test_what_goes_wrong_is_reported_in_one_line(seen, tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-def test_samples_of_another_kind_are_left_out_and_others_lose_nothing(seen, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(compile_ahead, "synthetic_samples", lambda *_: [])
+@pytest.mark.usefixtures("started")
+def test_samples_of_another_kind_are_left_out_and_others_lose_nothing(seen, tmp_path, capsys):
     recording, rig = Recording(seen), tmp_path / "rig.yaml"
     write_rig(recording.rig, rig)
     right = list(recording.block("/foot_r/imu"))
@@ -211,8 +221,8 @@ def test_samples_of_another_kind_are_left_out_and_others_lose_nothing(seen, tmp_
     assert capsys.readouterr().err.count("(Accelerometer, not Imu)") == 1
 
 
-def test_images_of_another_size_are_left_out_and_reported(seen, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(compile_ahead, "synthetic_samples", lambda *_: [])
+@pytest.mark.usefixtures("started")
+def test_images_of_another_size_are_left_out_and_reported(seen, tmp_path, capsys):
     recording, rig = Recording(seen), tmp_path / "rig.yaml"
     camera = recording.rig.cameras["/head/color"]
     halved = replace(camera, width=camera.width // 2, height=camera.height // 2)
@@ -228,8 +238,8 @@ def test_images_of_another_size_are_left_out_and_reported(seen, tmp_path, monkey
         assert capsys.readouterr().err.count(words) == 2
 
 
-def test_images_that_have_waited_are_skipped_on_request_and_recorded_all_the_same(seen, tmp_path, monkeypatch):
-    monkeypatch.setattr(compile_ahead, "synthetic_samples", lambda *_: [])
+@pytest.mark.usefixtures("started")
+def test_images_that_have_waited_are_skipped_on_request_and_recorded_all_the_same(seen, tmp_path):
     recorded = tmp_path / "recorded.mcap"
     words = ["dvio", "--skip-images", "1e-6", "--record", recorded, "-o", tmp_path / "path.txt"]
     made = alive(words, sent(seen))  # all have waited longer
@@ -279,8 +289,8 @@ def test_an_estimator_compiles_once_and_that_of_an_exoskeleton_as_its_geometry_i
     shown, rig = [], tmp_path / "rig.yaml"
     write_rig(Recording(seen).rig, rig)
     monkeypatch.setattr(compile_ahead, "synthetic_samples", lambda takes: shown.append(set(takes)) or [])
-    alive(["dvio", "--rig", rig, "-o", tmp_path / "path.txt"], sent(seen))
-    alive(["contact_terrain", "-o", tmp_path / "steps.csv"], sent(seen))
+    alive(["dvio", "--rig", rig, "-o", tmp_path / "path.txt"], sent(seen, "--topic", "/head/imu"))
+    alive(["contact_terrain", "-o", tmp_path / "steps.csv"], sent(seen, "--topic", "/foot_r/insole"))
     head, legs = shown
     assert head == {"/head/imu", "/head/color", "/head/depth"}
     assert {"/exo/back/ahrs", "/exo/knee_l/encoder", "/foot_r/insole"} <= legs

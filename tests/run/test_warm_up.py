@@ -1,10 +1,6 @@
-"""What an estimator is shown before the first true sample: enough that nothing is left to compile."""
+"""What an estimator is shown before the first true sample, live and offline: nothing is left to compile."""
 
 from __future__ import annotations
-
-import json
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -15,6 +11,7 @@ from stridetwin.scenarios.record import record
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.twin import Twin
+from tests.run.left_to_compile import find_left_to_compile
 
 
 def last_rows(estimator):
@@ -48,53 +45,14 @@ def test_the_stair_ahead_is_found():
     assert abs(tread - 0.3) < 0.005
 
 
-LEFT_TO_COMPILE = """
-import gc, json, sys
-from numba.core.dispatcher import Dispatcher
-from stridetwin.run.live_chain import Chain, Request
-from stridetwin.run.warm_up import synthetic_rig, synthetic_samples
-from stridetwin.streams.live.messages import MessageDecoder, to_messages
-from stridetwin.streams.recording.reader import Recording
-
-def compiled():
-    found = [d for d in gc.get_objects() if isinstance(d, Dispatcher)]
-    return {f"{d.py_func.__module__}.{d.py_func.__name__}": len(d.signatures) for d in found}
-
-def show(chain, samples):
-    for sample in samples:
-        for _ in chain.update(sample):
-            pass
-
-def read(recording, topics):
-    decoders = {}
-    for message in to_messages(recording, topics):
-        decoder = decoders.setdefault(message.topic, MessageDecoder(message.topic, message.typename))
-        yield decoder.decode(message)
-
-recording, asked = Recording(sys.argv[1]), Request(estimator=sys.argv[2])
-chain = Chain(asked, synthetic_rig(), recording.metadata)
-show(chain, synthetic_samples(chain.takes))
-before = compiled()
-chain = Chain(asked, recording.rig, recording.metadata)
-show(chain, read(recording, list(chain.takes)))
-after = compiled()
-print(json.dumps([sum(after.values()), sorted(k for k, n in after.items() if n != before.get(k, 0))]))
-"""
+LIVE, OFFLINE = ("foot_ins", "contact_terrain", "locomotion_mode", "foot_to_foot"), ("foot_ins", "dvio")
+CASES = [*[("live", name) for name in LIVE], *[("offline", name) for name in OFFLINE]]
 
 
-def left_to_compile(recording, estimator):
-    command = [sys.executable, "-c", LEFT_TO_COMPILE, str(recording), estimator]
-    kernels, left = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
-    assert kernels > 0
-    return left
-
-
-@pytest.mark.parametrize("estimator", ["foot_ins", "contact_terrain", "locomotion_mode"])
-def test_nothing_is_left_to_compile(seen, estimator):
-    assert left_to_compile(seen, estimator) == []
-
-
-def test_nothing_is_left_to_compile_of_shoes_that_see_each_other(tmp_path):
+@pytest.fixture(scope="module")
+def left_to_compile(seen, tmp_path_factory):
+    """Kernels left to compile in each case, all by one process, as a start takes seconds."""
+    shoes = tmp_path_factory.mktemp("shoes") / "walk.mcap"
     config = TwinConfig(
         name="shoes",
         route=Route(segments=(Level(length_m=0.5),)),
@@ -102,5 +60,12 @@ def test_nothing_is_left_to_compile_of_shoes_that_see_each_other(tmp_path):
         sensors=("foot_imu", "foot_camera", "sonar"),
         fittings={"foot_camera": SensorConfig(rate_hz=15.0)},
     )
-    record(Twin(config, 5), tmp_path / "walk.mcap", lambda *_: None)
-    assert left_to_compile(tmp_path / "walk.mcap", "foot_to_foot") == []
+    record(Twin(config, 5), shoes, lambda *_: None)
+    # shoes that see each other are those of the second recording
+    asked = [(how, shoes if name == "foot_to_foot" else seen, name) for how, name in CASES]
+    return dict(zip(CASES, find_left_to_compile(asked), strict=True))
+
+
+@pytest.mark.parametrize("case", CASES, ids=" ".join)
+def test_nothing_is_left_to_compile(left_to_compile, case):
+    assert left_to_compile[case] == []

@@ -18,8 +18,8 @@ from stridetwin.studies.study_file.run import STUDY_FILES, StudyOptions, run_stu
 from stridetwin.studies.study_file.study import read_study
 
 ROOT = Path(__file__).parents[2]
-STEPS = {"description": "a few steps", "terrain": [{"level": {"length_m": 2}}], "gait": {"stand_s": 1}}
-DROPOUT = {"kind": "dropout", "topic": "/foot_*/imu", "at_s": 3, "duration_s": 0.3}
+STEPS = {"description": "a few steps", "terrain": [{"level": {"length_m": 1}}], "gait": {"stand_s": 1}}
+DROPOUT = {"kind": "dropout", "topic": "/foot_*/imu", "at_s": 2, "duration_s": 0.3}
 STUDY = {
     "study": "A few steps",
     "scenarios": ["steps.yaml"],
