@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 _ARITHMETIC: dict[type[ast.operator], tuple[type[ast.operator], ...]] = {
     ast.Add: (ast.Sub,),
@@ -86,10 +87,38 @@ def is_change(source: str, mutant: Mutant) -> bool:
     alone matters, and of the arguments of a symmetric function.
     """
     try:
-        changed = ast.parse(mutant.applied(source))
+        changed = statements_at(mutant.line, source, mutant.applied(source))
     except SyntaxError:
         return False
-    return ast.dump(_Unordered().visit(changed)) != ast.dump(_Unordered().visit(ast.parse(source)))
+    return _shapes(changed) != _shapes(statements_at(mutant.line, source, source))
+
+
+def statements_at(line: int, source: str, changed: str) -> list[ast.stmt]:
+    """Top-level statements of a changed source in the place of those at a line, which alone the change concerns.
+
+    Args:
+        line: Of the source.
+        source: The source before the change.
+        changed: The source after it; where it has more or fewer statements, all of them are given.
+
+    Raises:
+        SyntaxError: The changed source does not compile.
+    """
+    spans, after = _statement_lines(source), ast.parse(changed).body
+    if len(spans) != len(after):
+        return after
+    return [statement for (first, last), statement in zip(spans, after) if first <= line <= last]
+
+
+@lru_cache(maxsize=256)
+def _statement_lines(source: str) -> list[tuple[int, int]]:
+    """First and last line of each top-level statement; the unchanged source is asked for once per change."""
+    return [(statement.lineno, statement.end_lineno or 0) for statement in ast.parse(source).body]
+
+
+def _shapes(statements: list[ast.stmt]) -> list[str]:
+    """Statements as text, with operands whose order has no effect in a fixed one."""
+    return [ast.dump(_Unordered().visit(statement)) for statement in statements]
 
 
 class _Unordered(ast.NodeTransformer):

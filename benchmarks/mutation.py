@@ -34,7 +34,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.command import answer, command
-from benchmarks.mutants import Mutant, is_change, mutants
+from benchmarks.mutants import Mutant, is_change, mutants, statements_at
 from stridetwin.streams.errors import StrideTwinError
 
 ROOT = Path(__file__).parents[1]
@@ -247,7 +247,13 @@ def is_equivalent(file: str, source: str, mutant: Mutant) -> bool:
         for match in re.finditer(re.escape(before), source)
         if source.count("\n", 0, match.start()) + 1 == mutant.line
     ]
-    return bool(changed) and ast.dump(ast.parse(mutant.applied(source))) in {ast.dump(ast.parse(c)) for c in changed}
+    if not changed:
+        return False
+    trees = [
+        [ast.dump(statement) for statement in statements_at(mutant.line, source, text)]
+        for text in (mutant.applied(source), *changed)
+    ]
+    return trees[0] in trees[1:]
 
 
 class Copy:

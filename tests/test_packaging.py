@@ -9,6 +9,8 @@ from pathlib import Path
 
 from setuptools import find_packages
 
+from tests.import_statements import imports_of_folder
+
 ROOT = Path(__file__).parents[1]
 
 
@@ -78,8 +80,8 @@ def declared():
 def imported(*folders):
     """Distributions that modules import, other than Python's own and ours, with one of the modules."""
     found = {}
-    for file in (f for folder in folders for f in (ROOT / folder).rglob("*.py")):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+    for folder in folders:
+        for file, node in imports_of_folder(ROOT / folder):
             names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
             if isinstance(node, ast.ImportFrom) and node.level == 0:
                 names = [node.module]

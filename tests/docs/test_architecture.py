@@ -5,6 +5,8 @@ import re
 import tomllib
 from pathlib import Path
 
+from tests.import_statements import imports_of_folder
+
 ROOT = Path(__file__).parents[2]
 PARTS = {link.name for link in (ROOT / "stridetwin").iterdir() if link.is_symlink()} - {"assets"}
 
@@ -19,11 +21,10 @@ def drawn():
 def imported(part):
     """The other parts that a part imports anywhere in its modules."""
     found = set()
-    for file in (ROOT / part).rglob("*.py"):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
-            names += [node.module] if isinstance(node, ast.ImportFrom) and node.module else []
-            found |= {name.split(".")[1] for name in names if name.startswith("stridetwin.")}
+    for _, node in imports_of_folder(ROOT / part):
+        names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
+        names += [node.module] if isinstance(node, ast.ImportFrom) and node.module else []
+        found |= {name.split(".")[1] for name in names if name.startswith("stridetwin.")}
     return (found & PARTS) - {part}
 
 

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.import_statements import find_imports
+
 ROOT = Path(__file__).parents[2]
 PARTS = {link.name for link in (ROOT / "stridetwin").iterdir() if link.is_symlink()} - {"assets"}
 
@@ -17,23 +19,21 @@ def module_files():
     return {name.removesuffix(".__init__"): file for name, file in zip(names, files)}
 
 
-def imported_names(node):
+def imported_names(source):
     """Names that the statements outside of functions import, including those under TYPE_CHECKING."""
-    for child in ast.iter_child_nodes(node):
-        if isinstance(child, ast.Import):
-            yield from (alias.name for alias in child.names)
-        elif isinstance(child, ast.ImportFrom) and child.module:
-            yield child.module
-            yield from (f"{child.module}.{alias.name}" for alias in child.names)
-        elif not isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
-            yield from imported_names(child)
+    for statement in find_imports(source, in_functions=False):
+        if isinstance(statement, ast.Import):
+            yield from (alias.name for alias in statement.names)
+        elif statement.module:
+            yield statement.module
+            yield from (f"{statement.module}.{alias.name}" for alias in statement.names)
 
 
 def import_graph(sources):
     """Module to the modules that it imports; a package counts where its own names are imported."""
     graph = {}
     for name, source in sources.items():
-        imported = set(imported_names(ast.parse(source)))
+        imported = set(imported_names(source))
         packages = {n.rpartition(".")[0] for n in imported if n in sources}
         graph[name] = {n for n in imported if n in sources and n != name} - (packages - {name})
     return graph

@@ -1,5 +1,6 @@
 """Files that were made to hurt: each is small, and asks its reader for gigabytes, minutes or worse."""
 
+import functools
 import io
 import json
 import os
@@ -24,7 +25,7 @@ from stridetwin.streams.recording.ros_types import definition
 
 MIB = 1 << 20
 GIB = 1 << 30
-FILLED = bytes(MIB)
+ZSTD_BLOCK = 128 << 10
 RIG = """
 imu0: {rostopic: /head/imu, update_rate: 200, gyroscope_noise_density: 0.001, gyroscope_random_walk: 2.0e-5,
        accelerometer_noise_density: 0.01, accelerometer_random_walk: 3.0e-4}
@@ -75,17 +76,22 @@ def chunk(data, size, compression, crc=0):
 
 
 def zstd_zeros(size, head=b""):
-    out = io.BytesIO()
-    with zstandard.ZstdCompressor(level=1).stream_writer(out, closefd=False) as writer:
-        left = size - writer.write(head)
-        while left:
-            left -= writer.write(FILLED[:left])
-    return out.getvalue()
+    """A frame of zstd: a block of the bytes at its head, and blocks that repeat one zero."""
+
+    def block(kind, length, data, is_last=False):
+        return (is_last | kind << 1 | length << 3).to_bytes(3, "little") + data
+
+    whole, rest = divmod(size - len(head), ZSTD_BLOCK)
+    frame = struct.pack("<IBB", 0xFD2FB528, 0, 11 << 3)  # a window of 2 MiB
+    frame += block(0, len(head), head) + block(1, ZSTD_BLOCK, b"\0") * whole
+    return frame + block(1, rest, b"\0", is_last=True)
 
 
+@functools.cache
 def lz4_zeros(size):
-    packer = lz4.frame.LZ4FrameCompressor()
-    return packer.begin() + b"".join(packer.compress(FILLED) for _ in range(size // MIB)) + packer.flush()
+    """A frame of lz4, all blocks of which are equal."""
+    packer = lz4.frame.LZ4FrameCompressor(block_size=lz4.frame.BLOCKSIZE_MAX1MB, block_linked=False)
+    return packer.begin() + packer.compress(bytes(MIB)) * (size // MIB) + packer.flush()
 
 
 def announced(typename, topic="/head/color", text=None):

@@ -25,9 +25,11 @@ import stridetwin.scenarios.check, stridetwin.outputs.path.evaluate
 import stridetwin.outputs.registry
 stridetwin.outputs.registry.estimators()
 import stridetwin.cli.estimate, stridetwin.cli.recording, stridetwin.cli.score
-from stridetwin.cli.main import main
+import rich.console, rich.table
+from stridetwin.cli.main import main, parse
 from stridetwin.streams.recording.ros_types import typestore
 typestore()
+parse(["check", "x"])
 gc.freeze()  # a collection in a fork would copy every page
 for line in sys.stdin:
     words = json.loads(line)

@@ -125,6 +125,8 @@ def repository(tmp_path, monkeypatch):
     (root / "half.py").write_text(SOURCE)
     (root / "test_half.py").write_text(TEST)
     subprocess.run(["git", "init", "-q"], cwd=root, check=True)
+    monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")  # they take longer to load than the test runs
+    monkeypatch.setenv("PYTEST_PLUGINS", "xdist.plugin")
     for name, value in (("SCOPES", ("half.py",)), ("NEAREST", {"half.py": ("test_half.py",)}), ("ROOT", root)):
         monkeypatch.setattr(mutation, name, value)
     return root
