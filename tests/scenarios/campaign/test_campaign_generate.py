@@ -118,8 +118,12 @@ def test_what_is_there_is_not_made_again_and_what_is_damaged_is(one, campaign, t
     }
 
 
+def test_two_workers_give_the_same_bytes(one, campaign, tmp_path):
+    assert generate(campaign, CampaignOptions(folder=tmp_path / "two", workers=2), quiet).generated == 3
+    assert contents(tmp_path / "two") == contents(one)
+
+
 def test_a_cluster_of_two_of_which_one_is_killed_gives_the_same_bytes(one, campaign, tmp_path):
-    """So do two workers of a pool, which get the same groups: tests/batch has the rows of every executor."""
     distributed = pytest.importorskip("distributed")
     killed = []
 
