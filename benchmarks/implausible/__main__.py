@@ -1,12 +1,13 @@
 """Implausible recordings: whether what ruins an estimate is reported with its cause, without false alarms.
 
-`python -m benchmarks.implausible [--count 200] [--clean 300] [--seed 1000] [--only NAME ...] [--workers 1] [--json]`.
+`python -m benchmarks.implausible [--count 200] [--clean 300] [--catalogue 60] [--seed 1000] [--only NAME ...]
+[--workers 1] [--json]`.
 Good recordings of generated walks are corrupted at random as recorders, drivers and users do (`corruptions`), in every
 format of other tools (`files`), and opened and checked. A corruption is `right` if a report names its cause, `other` if
 something else was reported, else silent. Where nothing right was reported, the estimates (`foot_ins`, `dvio`,
 `terrain_map`) are compared with those of the good recording: the corruption matters if one changes by more than 5 % of
-the way, or of the height of the eyes. Then clean recordings of all parts are checked: what names a cause is a false
-alarm. Cases are drawn by the seed; seeds below 1000 are for tuning.
+the way, or of the height of the eyes. Then clean recordings of all parts, and walks of the catalogue, are checked:
+what names a cause is a false alarm. Cases are drawn by the seed; seeds below 1000 are for tuning.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from benchmarks.command import answer, command
-from benchmarks.implausible.clean import CleanCase, CleanTrial, check_clean
+from benchmarks.implausible.clean import CleanCase, CleanTrial, check_catalogue_walk, check_clean
 from benchmarks.implausible.corruptions import CORRUPTIONS
 from benchmarks.implausible.files import FORMATS
 from benchmarks.implausible.trials import (
@@ -47,7 +48,14 @@ def measure(arguments: Namespace) -> dict[str, Any]:
     with open_pool(arguments.workers) as pool, tempfile.TemporaryDirectory() as folder:
         cases = list(draw_cases(arguments.count, arguments.seed, Path(folder), arguments.only))
         trials = _try_cases(pool, cases, arguments.estimate_all)
-        clean = _run(pool, check_clean, [CleanCase(number=i, seed=arguments.seed) for i in range(arguments.clean)])
+        clean = [
+            *_run(pool, check_clean, [CleanCase(number=i, seed=arguments.seed) for i in range(arguments.clean)]),
+            *_run(
+                pool,
+                check_catalogue_walk,
+                [CleanCase(number=i, seed=arguments.seed) for i in range(arguments.catalogue)],
+            ),
+        ]
     return {
         "benchmark": "implausible",
         "seed": arguments.seed,
@@ -152,6 +160,7 @@ if __name__ == "__main__":
     parser = command(__doc__)
     parser.add_argument("--count", type=int, default=200, help="corruptions")
     parser.add_argument("--clean", type=int, default=300, help="clean recordings")
+    parser.add_argument("--catalogue", type=int, default=60, help="clean walks of the catalogue")
     parser.add_argument("--seed", type=int, default=1000)
     parser.add_argument("--only", nargs="+", choices=names, default=[], metavar="NAME", help=f"of {', '.join(names)}")
     parser.add_argument("--estimate-all", action="store_true", help="estimate from corruptions that are reported, too")

@@ -1,4 +1,4 @@
-"""Good recordings of all parts, and what `check` wrongly reports about them."""
+"""Good recordings of all parts and of the catalogue's walks, and what `check` wrongly reports about them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import re
 import tempfile
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,9 @@ from benchmarks.implausible.files import FORMATS
 from benchmarks.implausible.trials import list_reports
 from benchmarks.implausible.walks import camera_parts, imu_parts, small_camera, take_walk
 from stridetwin.scenarios.check import Finding, check_recording
-from stridetwin.scenarios.record import make_twin, record
+from stridetwin.scenarios.built_in import catalogue
+from stridetwin.scenarios.record import CAMERAS, make_twin, record
+from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import Exo, Gait, Gaze, Level, Ramp, Route, Segment, Stairs, Turn, TwinConfig
 from stridetwin.sim.parts.library import load_part
 from stridetwin.sim.parts.sensor_config import SensorConfig
@@ -27,6 +29,8 @@ from stridetwin.streams.recording.reader import Recording
 
 CAMERA_EVERY = 15
 """One of so many clean walks has the camera."""
+CATALOGUE_CAMERA_EVERY = 3
+"""One of so many of the catalogue's walks has the camera."""
 _MOST_DRAWS = 10
 """Walks that are drawn until one can be planned."""
 _TRUE = re.compile(r"at the end of the range|could not be checked|were not checked|assumed|are joined|has no unit")
@@ -39,8 +43,8 @@ class CleanTrial:
 
     Attributes:
         seed: Of the walk.
-        part: Name of the part of interest.
-        form: Format in which it was checked besides our own.
+        part: Name of the part of interest, or of the catalogue's scenario.
+        form: Format in which it was checked besides our own; "" for none.
         alarms: Reports that are false.
     """
 
@@ -78,6 +82,29 @@ def check_clean(case: CleanCase) -> CleanTrial:
         source = FORMATS[form].write(Path(folder), take_walk(recording, topic))
         alarms += [f"{form}: {f.text}" for f in list_reports(source) if is_alarm(f)]
     return CleanTrial(seed=case.seed + case.number, part=part, form=form, alarms=tuple(alarms))
+
+
+def check_catalogue_walk(case: CleanCase) -> CleanTrial:
+    """Generates a walk of the catalogue, without faults, and checks it; returns what was wrongly reported.
+
+    One of `CATALOGUE_CAMERA_EVERY` has the camera on the head, with smaller images; shoe cameras are off.
+    """
+    names = sorted(catalogue())
+    name = names[case.number % len(names)]
+    config = load_scenario(name).config
+    has_camera = case.number % CATALOGUE_CAMERA_EVERY == 0 and "head_camera" in config.sensors
+    kept = {"head_camera"} if has_camera else set()
+    sensors = tuple(group for group in config.sensors if group not in CAMERAS or group in kept)
+    fittings = dict(config.fittings)
+    if has_camera and "head_camera" not in fittings:
+        fittings["head_camera"] = SensorConfig(part=small_camera(camera_parts()[case.number % len(camera_parts())]))
+    twin = make_twin(replace(config, sensors=sensors, fittings=fittings, faults=()), case.seed + case.number)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "walk.mcap"
+        record(twin, path)
+        findings = check_recording(Recording(path, lenient=True)).findings
+    alarms = tuple(f.text for f in findings if is_alarm(f))
+    return CleanTrial(seed=case.seed + case.number, part=name, form="", alarms=alarms)
 
 
 def _draw_twin(case: CleanCase, rng: np.random.Generator) -> tuple[Twin, str]:
