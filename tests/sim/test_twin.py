@@ -104,7 +104,7 @@ def small_camera(group: str) -> SensorConfig:
 
 def test_every_stream_is_recorded_at_its_rate(tmp_path: Path) -> None:
     fittings = {group: small_camera(group) for group in ("head_camera", "foot_camera")}
-    twin = Twin(replace(SHORT, gait=Gait(stand_s=0.2), fittings=fittings), 1)
+    twin = Twin(replace(SHORT, fittings=fittings), 1)
     recording = Recording(record(twin, tmp_path / "short.mcap"))
     for topic, rate in RATES_HZ.items():
         info = recording.topics[topic]
