@@ -123,8 +123,9 @@ def merge_events(
     row = np.empty(len(kind), np.int64)
     for k in range(len(_KIND) + 1):  # each kind of aid, and the IMU samples
         row[kind == k] = np.arange(np.count_nonzero(kind == k))
+    event_t_ns = np.concatenate([t_ns, aid_t])
     # by place among the IMU samples; there the sample itself comes before its aids, and these are in order of time
-    final = np.lexsort((np.r_[t_ns, aid_t], kind != IMU, np.r_[place, ready]))
+    final = np.lexsort((event_t_ns, kind != IMU, np.concatenate([place, ready])))
     rate = _concatenate([b.columns["angular_rate"] for b in blocks], float, (0, 3))
     force = _concatenate([b.columns["specific_force"] for b in blocks], float, (0, 3))
     observations = [a for _, a in used if isinstance(a, BoardObservation)]
@@ -132,8 +133,8 @@ def merge_events(
     relative = [a for _, a in used if isinstance(a, RelativePosition)]
     events = Events(
         kind=kind[final],
-        t_ns=np.r_[t_ns, aid_t][final],
-        foot=np.r_[foot, np.array([f for f, _ in used], np.int8)][final],
+        t_ns=event_t_ns[final],
+        foot=np.concatenate([foot, np.array([f for f, _ in used], np.int8)])[final],
         row=row[final],
         rate=rate,
         force=force,

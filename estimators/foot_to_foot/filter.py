@@ -39,6 +39,9 @@ METHODS: dict[str, tuple[type, ...]] = {
 Aiding = BoardObservation | RelativePosition | Range
 MAX_WAITING_AIDS = 16  # aids that may wait for the IMUs to reach their time; the oldest is dropped first
 
+_REPORTED_OF_BOTH = np.r_[:REPORTED, STATES : STATES + REPORTED]
+"""The first 15 errors of each foot."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FootToFootEstimate:
@@ -217,8 +220,7 @@ class FootToFoot:
             if self._phase[f] != EMPTY  # a foot with samples
         }
         pose = feet[self.foot_of(sample)].pose if isinstance(sample, Imu) else None
-        reported = np.r_[:REPORTED, STATES : STATES + REPORTED]  # the first 15 errors of each foot
-        covariance = self._pair.covariance[np.ix_(reported, reported)]
+        covariance = self._pair.covariance[np.ix_(_REPORTED_OF_BOTH, _REPORTED_OF_BOTH)]
         return FootToFootEstimate(
             t_ns=sample.t_ns, feet=feet, covariance=covariance, observations=tuple(seen or ()), pose=pose
         )

@@ -286,13 +286,17 @@ def _cut_surfaces(corners: Array, s: Array, left: float) -> _Surfaces:
     for (a, b, c), n in zip(corners[near], normal[near]):  # corners and normal of a triangle
         # samples between its ends
         first, last = np.searchsorted(s, [min(a[0], b[0], c[0]), max(a[0], b[0], c[0]) + 1e-9])
-        for i in range(first, last):
-            p = s[i], left
-            # the point is in the triangle, seen from above, if it is on the same side of all three edges
-            sides = [(q[0] - o[0]) * (p[1] - o[1]) - (q[1] - o[1]) * (p[0] - o[0]) for o, q in ((a, b), (b, c), (c, a))]
-            if min(sides) >= -1e-9 or max(sides) <= 1e-9:  # height of the triangle's plane at the sample
-                z = float(a[2] - (n[0] * (p[0] - a[0]) + n[1] * (p[1] - a[1])) / n[2])
-                surfaces[i].append((z, bool(n[2] > 0)))
+        x = s[first:last]
+        # a point is in the triangle, seen from above, if it is on the same side of all three edges
+        sides = np.array(
+            [(q[0] - o[0]) * (left - o[1]) - (q[1] - o[1]) * (x - o[0]) for o, q in ((a, b), (b, c), (c, a))]
+        )
+        inside = np.flatnonzero((sides.min(0) >= -1e-9) | (sides.max(0) <= 1e-9))
+        # height of the triangle's plane at each sample
+        z = a[2] - (n[0] * (x[inside] - a[0]) + n[1] * (left - a[1])) / n[2]
+        faces_up = bool(n[2] > 0)
+        for i, height in zip((first + inside).tolist(), z.tolist()):
+            surfaces[i].append((height, faces_up))
     return surfaces
 
 

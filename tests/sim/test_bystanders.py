@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from stridetwin.sim.config import Level, Route, Stairs, Turn, TwinConfig
+from stridetwin.sim.config import Gait, Level, Route, Stairs, Turn, TwinConfig
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.library import make_ideal
@@ -25,7 +25,8 @@ ROUTES = {
 
 def make(name: str, count: int = 2, seed: int = 3, sensors: tuple[str, ...] = (), physics: str = "kinematic") -> Twin:
     route = Route(segments=ROUTES[name], width_m=1.8, bystanders=count)
-    return Twin(TwinConfig(name=name, route=route, sensors=sensors, physics=physics), seed)
+    gait = Gait(stand_s=0.5)
+    return Twin(TwinConfig(name=name, route=route, gait=gait, sensors=sensors, physics=physics), seed)
 
 
 @pytest.fixture(scope="module", params=["stairs", "corner"])
@@ -76,7 +77,7 @@ def test_a_crowd_leaves_the_simulated_walker_alone_and_is_seen_as_in_the_plan() 
     alone = make("short", count=0, physics="dynamic")
     assert walked.fell_at is None
     assert np.array_equal(walked.walk.splines.c, alone.walk.splines.c)
-    at_s = 2.5
+    at_s = 1.0
     views = []
     for twin in (planned, walked):
         data = mujoco.MjData(twin.model)

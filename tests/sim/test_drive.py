@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from stridetwin.sim.config import Exo, Level, Route, TwinConfig
+from stridetwin.sim.config import Exo, Gait, Level, Route, TwinConfig
 from stridetwin.sim.dynamics.drive import DRIVER_S, PERIOD_S, Drive
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
 from stridetwin.sim.twin import Twin
@@ -20,6 +20,7 @@ from stridetwin.streams.samples import Actuator, Block
 WALK = TwinConfig(
     name="driven",
     route=Route(segments=(Level(length_m=4.0),)),
+    gait=Gait(stand_s=0.5),
     sensors=("actuator",),
     physics="dynamic",
     exo=Exo(mode=1, drive="assist"),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from stridetwin.sim.config import Dynamics, Level, Misstep, Person, Push, Route, Segment, Stairs, TwinConfig
+from stridetwin.sim.config import Dynamics, Gait, Level, Misstep, Person, Push, Route, Segment, Stairs, TwinConfig
 from stridetwin.sim.dynamics import spatial, whole_body_problem
 from stridetwin.sim.dynamics.contacts import Contacts, sense_floor, sole_point_numbers, subtract_bias
 from stridetwin.sim.dynamics.couplings import CouplingSet, coupling_forces
@@ -45,6 +45,7 @@ def make(
     config = TwinConfig(
         name="dynamic",
         route=Route(segments=segments),
+        gait=Gait(stand_s=0.5),
         person=person or Person(),
         sensors=(),
         physics="dynamic",
@@ -70,7 +71,7 @@ def moving(twin: Twin) -> mujoco.MjData:
     """A state of the model in the middle of any motion."""
     rng = np.random.default_rng(3)
     data = mujoco.MjData(twin.model)
-    q, v, _ = twin.reference.state(np.array([3.4]))
+    q, v, _ = twin.reference.state(np.array([1.9]))
     data.qpos, data.qvel = q[0], v[0] + rng.normal(0, 0.5, twin.model.nv)
     mujoco.mj_forward(twin.model, data)
     return data
@@ -317,12 +318,12 @@ def test_a_point_in_contact_stays_so_until_it_is_well_off_the_floor(twin: Twin) 
 
 
 def test_same_seed_same_simulation() -> None:
-    segments = (Level(length_m=1.2),)
+    segments = (Level(length_m=0.6),)
     one, two = make(segments).walk, make(segments).walk
     assert np.array_equal(one.splines.c, two.splines.c)
 
 
-LEVEL: tuple[Segment, ...] = (Level(length_m=4.0),)
+LEVEL: tuple[Segment, ...] = (Level(length_m=3.0),)
 
 
 def simulated(dynamics: Dynamics) -> tuple[Twin, SimulatedWalk]:
@@ -334,7 +335,7 @@ def simulated(dynamics: Dynamics) -> tuple[Twin, SimulatedWalk]:
 
 def test_a_pushed_walker_puts_the_foot_elsewhere_and_walks_on() -> None:
     _, calm = simulated(Dynamics())
-    twin, walk = simulated(Dynamics(pushes=(Push(at_s=3.5, left_n=80.0),)))
+    twin, walk = simulated(Dynamics(pushes=(Push(at_s=2.0, left_n=80.0),)))
     assert twin.fell_at is None
     moved = [
         np.linalg.norm(one.p_foot_in_world - other.p_foot_in_world)
@@ -364,9 +365,9 @@ def test_a_shoe_longer_than_the_treads_carries_its_wearer_down() -> None:
 
 
 def test_a_walker_who_is_pushed_over_is_reported_fallen() -> None:
-    twin, _ = simulated(Dynamics(pushes=(Push(at_s=3.5, duration_s=0.3, left_n=500.0),)))
+    twin, _ = simulated(Dynamics(pushes=(Push(at_s=2.0, duration_s=0.3, left_n=500.0),)))
     assert twin.fell_at is not None
-    assert 3.5 < twin.fell_at < twin.reference.duration_s
+    assert 2.0 < twin.fell_at < twin.reference.duration_s
     assert twin.duration_s == pytest.approx(twin.fell_at, abs=0.01)
 
 
@@ -425,7 +426,7 @@ def test_forces_that_cost_what_toes_cost_press_where_they_are_wanted(share: floa
 
 def test_a_simulated_foot_presses_under_its_toes_until_the_heel_is_down() -> None:
     route = Route(segments=(Level(length_m=2.0), Stairs(risers=3, down=True), Level(length_m=1.5)))
-    twin = Twin(TwinConfig(name="down", route=route, sensors=(), physics="dynamic"), 3)
+    twin = Twin(TwinConfig(name="down", route=route, gait=Gait(stand_s=0.5), sensors=(), physics="dynamic"), 3)
     player, pressed = twin.player(), []
     for side in "lr":
         for step in (s for s in twin.walk.steps[side] if (s.mode, s.departure) == ("SD", "lower")):

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import expit
 
 from stridetwin.reference.norms import read_reference as published
-from stridetwin.sim.config import Exo, Level, Person, Ramp, Route, Segment, Stairs, TwinConfig
+from stridetwin.sim.config import Exo, Gait, Level, Person, Ramp, Route, Segment, Stairs, TwinConfig
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
 from stridetwin.sim.gait import exo_fit_kernel
 from stridetwin.sim.gait.exo_fit import STOP_STIFFNESS, STOP_WIDTH_RAD, ExoLeg, LegPose, fit_leg, leg_pose
@@ -480,7 +480,12 @@ def test_idle_modules_load_the_cuffs(level: Twin) -> None:
 def test_a_simulated_walk_with_unpowered_modules_needs_no_assist(exo: Exo) -> None:
     twin = Twin(
         TwinConfig(
-            name="modules", route=Route(segments=(Level(length_m=2.0),)), exo=exo, physics="dynamic", sensors=()
+            name="modules",
+            route=Route(segments=(Level(length_m=2.0),)),
+            gait=Gait(stand_s=0.5),
+            exo=exo,
+            physics="dynamic",
+            sensors=(),
         ),
         4,
     )

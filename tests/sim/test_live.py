@@ -7,7 +7,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from stridetwin.sim.config import Exo, Level, Route, TwinConfig
+from stridetwin.sim.config import Exo, Gait, Level, Route, TwinConfig
 from stridetwin.sim.faults.sample_faults import Dropout
 from stridetwin.sim.live import LATENCY_S, LiveTwin
 from stridetwin.sim.parts.kinds import ImuPart
@@ -19,8 +19,9 @@ from stridetwin.streams.samples import Actuator, Block
 
 WALK = TwinConfig(
     name="live",
-    route=Route(segments=(Level(length_m=1.2),)),
+    route=Route(segments=(Level(length_m=0.6),)),
     sensors=("insole", "encoder", "ahrs", "actuator"),
+    gait=Gait(stand_s=0.5),
     physics="dynamic",
     exo=Exo(mode=1),
     shock=False,

@@ -46,7 +46,7 @@ def until(true):
 
 def stands(data):
     before = data.time
-    time.sleep(0.5)
+    time.sleep(0.2)
     return data.time == before
 
 
@@ -85,7 +85,7 @@ def display():
     if shutil.which("Xvfb") is None:
         pytest.skip("Xvfb is not installed (tools/system_packages.sh installs it)")
     read, write = os.pipe()
-    words = ["Xvfb", "-displayfd", str(write), "-screen", "0", "640x480x24", "-nolisten", "tcp"]
+    words = ["Xvfb", "-displayfd", str(write), "-screen", "0", "160x120x24", "-nolisten", "tcp"]
     server = subprocess.Popen(words, pass_fds=[write], stderr=subprocess.DEVNULL)
     os.close(write)
     with os.fdopen(read) as file:

@@ -80,7 +80,9 @@ def _finite(step: Footstep) -> Footstep:
 def test_truth_and_sensors_of_the_exoskeleton(num_regression: Any) -> None:
     short = (Level(length_m=2.0), Stairs(risers=2), Level(length_m=1.0), Ramp(angle_rad=0.15, rise_m=0.2))
     route = Route(segments=(*short, Level(length_m=1.0)))
-    config = replace(load_scenario("shim_stairs").config, physics="kinematic", route=route)
+    config = load_scenario("shim_stairs").config
+    sensors = tuple(s for s in config.sensors if "camera" not in s)  # images change no other sensor
+    config = replace(config, physics="kinematic", route=route, sensors=sensors)
     found: dict[str, list[Any]] = {}
     for items in Twin(config, 11).blocks():
         for item in items:
