@@ -15,8 +15,8 @@ from benchmarks.implausible.corruptions import CORRUPTIONS
 from benchmarks.implausible.files import FORMATS
 from benchmarks.implausible.trials import list_reports
 from benchmarks.implausible.walks import camera_parts, imu_parts, small_camera, take_walk
-from stridetwin.scenarios.check import Finding, check_recording
 from stridetwin.scenarios.built_in import catalogue
+from stridetwin.scenarios.check import Finding, check_recording
 from stridetwin.scenarios.record import CAMERAS, make_twin, record
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import Exo, Gait, Gaze, Level, Ramp, Route, Segment, Stairs, Turn, TwinConfig
