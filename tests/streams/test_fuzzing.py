@@ -8,7 +8,16 @@ from argparse import Namespace
 import numpy as np
 import pytest
 
-from benchmarks.fuzz_judge import LEAST_BYTES, LEAST_S, Cost, Limits, can_measure_growth, judge, measure_limits, minimise
+from benchmarks.fuzz_judge import (
+    LEAST_BYTES,
+    LEAST_S,
+    Cost,
+    Limits,
+    can_measure_growth,
+    judge,
+    measure_limits,
+    minimise,
+)
 from benchmarks.fuzz_mutators import cross, mutate, pack, unpack, write_members
 from benchmarks.fuzz_targets import TARGETS, Target, list_words
 from benchmarks.fuzzing import fuzz_targets
