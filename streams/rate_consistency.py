@@ -52,7 +52,7 @@ fits few movements by chance; and how many are many. Simulated feet leave up to 
 one that runs 4.3."""
 _MISFIT_MPS2 = 0.3
 """Rates with an axis that never changes are inconsistent if they leave over more than this."""
-_SHIFT_MISFIT_MPS2 = 0.4
+_SHIFT_MISFIT_MPS2 = 0.3
 """Rates are late or early if they leave more than this over in the median, as filters of parts delay by some ms."""
 _GRAVITY_SCALE = (0.85, 1.15)
 """Least and largest scale of the forces, by which gravity at rest differs from the nominal one."""
@@ -242,8 +242,8 @@ def _is_certain(recorded: _Misfits, corrected: _Misfits) -> bool:
 def _is_doubtful(movements: _Movements, speed: Array) -> bool:
     """Whether the movements that can be judged leave too much over, of a sensor that surely rests between them.
 
-    At rest, the forces are gravity alone; those of a head or a thigh that seems to rest are not. Movements whose forces or
-    rates exceed the range of the sensor leave much over, which `check` reports as such.
+    At rest, the forces are gravity alone; those of a head or a thigh that seems to rest are not. Movements whose
+    forces or rates exceed the range of the sensor leave much over, which `check` reports as such.
 
     Args:
         movements: S movements.
