@@ -43,6 +43,11 @@ class Correction:
 
 def list_corrections() -> list[Correction]:
     """Wrong units and factors, swapped and mirrored axes, and clocks of their own, in the order of likelihood."""
+    return list_products() + [correct_shift(shift) for shift in _SHIFTS_S]
+
+
+def list_products() -> list[Correction]:
+    """Wrong units and factors, and swapped and mirrored axes, in the order of likelihood: products with a matrix."""
     result = [Correction(cause=cause, matrix=factor * np.eye(3)) for cause, factor in _SCALES]
     for order in itertools.permutations(range(3)):
         for signs in itertools.product((1.0, -1.0), repeat=3):
@@ -53,11 +58,14 @@ def list_corrections() -> list[Correction]:
                 result.append(
                     Correction(cause=f"the axes x, y, z of the forces are {axes} of the rates", matrix=matrix)
                 )
-    for shift in _SHIFTS_S:
-        when = "later" if shift > 0 else "earlier"
-        cause = f"the rates belong {1000 * abs(shift):.0f} ms {when} than they are stamped"
-        result.append(Correction(cause=cause, matrix=np.eye(3), shift_s=shift))
     return result
+
+
+def correct_shift(shift_s: float) -> Correction:
+    """The correction of rates that fit the forces once they are moved to later by a time, s."""
+    when = "later" if shift_s > 0 else "earlier"
+    cause = f"the rates belong {1000 * abs(shift_s):.0f} ms {when} than they are stamped"
+    return Correction(cause=cause, matrix=np.eye(3), shift_s=shift_s)
 
 
 def correct_scale(factor: float) -> Correction:

@@ -192,8 +192,26 @@ def check_overlap(gyro_name: str, gyro_ns: Stamps, accel_name: str, accel_ns: St
         notes.add_problem(Problem(gyro_name, None, what))
         return False
     if share < _LEAST_SHARE and not is_covered:
-        notes.warn(f"{gyro_name}: {spans}; {1 - share:.0%} of the rates have no forces and are left out")
+        left_out = f"{1 - share:.0%} of the rates have no forces and are left out"
+        notes.warn(f"{gyro_name}: {spans}; {left_out}{_guess_clocks(gyro_ns, accel_ns, slack)}")
     return True
+
+
+def _guess_clocks(gyro_ns: Stamps, accel_ns: Stamps, slack_ns: float) -> str:
+    """The end of a report if rates and forces last equally long, as those of two clocks do; "" otherwise.
+
+    A sensor that starts later, or loses its connection, moves one end of its stream alone.
+
+    Args:
+        gyro_ns: (N,) stamps of the rates.
+        accel_ns: (M,) stamps of the forces.
+        slack_ns: By how much the durations of one recording may differ.
+    """
+    at_start, at_end = int(gyro_ns.min() - accel_ns.min()), int(gyro_ns.max() - accel_ns.max())
+    if abs(at_end - at_start) > slack_ns:
+        return ""
+    offset = f"{abs(at_start) * 1e-9:.3f} s {'later' if at_start > 0 else 'earlier'}"
+    return f"; as both last equally long, the rates are probably stamped {offset}, by another clock"
 
 
 def _span_text(t_ns: Stamps) -> str:

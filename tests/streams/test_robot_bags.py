@@ -131,7 +131,12 @@ def test_rates_and_forces_of_two_clocks(tmp_path, gyro, accel, joined):
     partly = open_any(write_bag(tmp_path / "partly", streams))
     assert partly.topics["/head/imu"].count == 40
     assert any(f"joined as {joined}" in w for w in partly.warnings)
-    assert any("33% of the rates have no forces and are left out" in w for w in partly.warnings)
+    (warning,) = (w for w in partly.warnings if "33% of the rates have no forces and are left out" in w)
+    assert "the rates are probably stamped 0.200 s later, by another clock" in warning
+    streams[accel] = (IMU_TYPE, still_imu(rate=zero)[:30])  # whose forces end early
+    short = open_any(write_bag(tmp_path / "short", {**streams, gyro: (IMU_TYPE, still_imu(force=zero))}))
+    (warning,) = (w for w in short.warnings if "rates have no forces" in w)
+    assert "another clock" not in warning
 
 
 def test_a_database_without_metadata_is_read(tmp_path):
