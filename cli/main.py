@@ -7,7 +7,6 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import MISSING, dataclass, fields
-from functools import cache
 from importlib.metadata import version
 from inspect import Parameter, Signature, get_annotations
 from pkgutil import resolve_name
@@ -111,7 +110,6 @@ def _run(call: Call, console: Console) -> int:
     return outcome.code
 
 
-@cache
 def _app() -> typer.Typer:
     """Builds the Typer application: the option `--version`, and one command for each of `COMMANDS`."""
     app = typer.Typer(name=_NAME, help=_HELP, epilog=_EXIT_CODES)

@@ -31,6 +31,8 @@ def loaded(folder: Path, name: str) -> ModuleType:
 
 
 def hits_and_value(folder: Path, monkeypatch) -> tuple[int, int]:
+    # Python takes a module that is changed within a second, and stays as long, for the compiled one
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
     monkeypatch.setitem(sys.modules, "inner", loaded(folder, "inner"))
     function = entry_kernel(folder)(loaded(folder, "outer").outer)
     value = function(3)
