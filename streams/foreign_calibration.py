@@ -103,7 +103,7 @@ def _read_beside(keys: Keys, key: str, read: ReadNeighbour | None) -> tuple[str,
         ConfigError: It is a file elsewhere, or no folder is known.
     """
     name = keys.take_text(key, "")
-    if read is None or not re.fullmatch(r"[^/\\\0]+", name) or name in (".", ".."):
+    if read is None or not re.fullmatch(r"[^/\\\0-\x1f]+", name) or name in (".", ".."):
         raise keys.place.key(key).error(name, "the name of a file in the same folder; copy it there")
     return name, read(name)
 

@@ -201,40 +201,38 @@ def _correct(t: Array, force: Array, rate: Array, spans: Spans) -> list[tuple[Co
 
 def cut_spans(t: Array, force: Array, rate: Array) -> Spans | None:
     """Cuts spans without a gap out of forces and rates (N, 3) at times (N,) s; None if they are too few to judge."""
-    steps = int((t[-1] - t[0]) / _STEP_S)
-    pieces = steps // _PIECE_STEPS
     piece_s = _PIECE_STEPS * _STEP_S
+    pieces = int((t[-1] - t[0]) / _STEP_S) // _PIECE_STEPS
     if pieces * piece_s < _SPANS[0] * _SPAN_S[0]:
         return None
-    edges = t[0] + _STEP_S * np.arange(pieces * _PIECE_STEPS + 1)
-    means = np.stack([average_between(t, integrate(t, values), edges) for values in (rate, force)])  # (2, steps, 3)
-    gaps = np.flatnonzero(np.diff(t) > _LONGEST_GAP_S)
-    broken = np.zeros(pieces, bool)
-    for gap in gaps:
-        first, last = (int((t[row] - t[0]) / piece_s) for row in (gap, gap + 1))
-        broken[first : last + 1] = True
     length = int(np.clip(pieces * piece_s / _SPANS[1], *_SPAN_S) / piece_s)  # pieces of a span
-    starts = _place_spans(broken, length)
+    starts = _place_spans(t, pieces, length)
     if len(starts) < _SPANS[0]:
         return None
     starts = [starts[k] for k in np.unique(np.linspace(0, len(starts) - 1, _SPANS[2]).round().astype(int))]
-    rows = np.array(starts)[None, :] + np.arange(length)[:, None]  # (P, K)
-    cut = means.reshape(2, pieces, _PIECE_STEPS, 3)[:, rows]  # (2, P, K, steps, 3)
-    rates, forces = np.moveaxis(cut, 3, 1)
+    integrals = [integrate(t, values) for values in (rate, force)]
+    cut = []
+    for start in starts:
+        edges = t[0] + _STEP_S * np.arange(start * _PIECE_STEPS, (start + length) * _PIECE_STEPS + 1)
+        cut.append([average_between(t, of_values, edges) for of_values in integrals])  # (2, steps, 3)
+    rates, forces = np.reshape(cut, (len(starts), 2, length, _PIECE_STEPS, 3)).transpose(1, 3, 2, 0, 4)
     return Spans(rates=rates, forces=forces)
 
 
-def _place_spans(broken: Array, length: int) -> list[int]:
-    """First pieces of spans of `length` pieces, one after the other, that leave out the broken pieces (P,)."""
-    starts, first = [], 0
-    while first + length <= len(broken):
-        at = np.flatnonzero(broken[first : first + length])
-        if len(at):
-            first += int(at[-1]) + 1
-            continue
-        starts.append(first)
-        first += length
-    return starts
+def _place_spans(t: Array, pieces: int, length: int) -> list[int]:
+    """First pieces of spans of `length` pieces, one after the other, that leave out the pieces with a gap.
+
+    Args:
+        t: (N,) s.
+        pieces: Pieces of the recording.
+        length: Pieces of a span.
+    """
+    piece_s = _PIECE_STEPS * _STEP_S
+    gaps = np.flatnonzero(np.diff(t) > _LONGEST_GAP_S)
+    # the pieces between two gaps: after that of the row behind one, before that of the row ahead of the next
+    firsts = [0, *(int((t[row + 1] - t[0]) / piece_s) + 1 for row in gaps)]
+    ends = [*(int((t[row] - t[0]) / piece_s) for row in gaps), pieces]
+    return [start for first, end in zip(firsts, ends, strict=True) for start in range(first, end - length + 1, length)]
 
 
 def measure_speeds(spans: Spans, matrices: Array, biases: Array | None = None) -> Array:

@@ -219,7 +219,7 @@ def _find_common_shift(t: Array, force: Array, rate: Array) -> float:
     """Time by which rates (N, 3) are moved to later so that they rest when the forces (N, 3) do, s; 0 without rests."""
     n = max(5, round(_REST_S / float(np.median(np.diff(t)))))  # samples of a window
     count = int((t[-1] - t[0]) / _SHIFT_STEP_S)
-    if len(t) <= 2 * n or count < 2:
+    if len(t) <= 2 * n or not 2 <= count <= len(t):  # more steps than samples: a recording of long gaps
         return 0.0
     grid = t[0] + _SHIFT_STEP_S * np.arange(count)
     rows = np.clip(np.searchsorted(t, grid) - n // 2, 0, len(t) - n)

@@ -23,8 +23,8 @@ _IMUS = ("gyro", "imu", "motion", "accel")
 """Streams of which the first with a transform to the camera is the frame of the IMU."""
 _NAMES = {"infra1": "infrared1", "infra2": "infrared2", "ir1": "infrared1", "ir2": "infrared2", "colour": "color"}
 """Our name of a stream, by that in a file."""
-_NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
-"""A number, as `-1.5e-3`."""
+_NUMBER = r"[-+]?(?:\d{1,20}(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d{1,2})?"
+"""A number, as `-1.5e-3`; finite, however long it is."""
 _INTRINSIC = re.compile(r'^[ \t]*Intrinsic of "([^"]+)"[^\n]*\n((?:\s+[A-Za-z]+[^:\n]*:[^\n]*\n?)+)', re.MULTILINE)
 """A section `Intrinsic of "Color" / 640x480 / {RGB8}` and its lines such as `Fx: 600.1`."""
 _EXTRINSIC = re.compile(

@@ -17,6 +17,7 @@ import numpy as np
 
 from stridetwin.streams.bounded import LONGEST_ROW, read_lines
 from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.formats.imu_columns import missing_axis_error
 from stridetwin.streams.formats.imu_text import (
     TablePart,
     TableRequest,
@@ -86,7 +87,9 @@ def read_folder_parts(path: Path, request: TableRequest, notes: Notes) -> list[T
             if all((earlier.sensor, earlier.quantity) != (name, part.quantity) for earlier in parts):
                 parts.append(replace(part, sensor=name))
     if (path / _GRAVITY).is_file() and not (path / _TOTAL).is_file():
-        gravity = read_text_table(path / _GRAVITY, request, notes, ACCEL)[0]
+        gravity = next(iter(read_text_table(path / _GRAVITY, request, notes, ACCEL)), None)
+        if gravity is None:
+            raise missing_axis_error(path / _GRAVITY, ACCEL, "x", ())
         parts = [_add_gravity(p, gravity) if p.quantity == ACCEL else p for p in parts]
         notes.warn(f"{_GRAVITY} is added to the forces")
     if all(part.quantity != ACCEL for part in parts):

@@ -141,7 +141,10 @@ def _to_imu_block(path: Path, sensor: str, parts: Mapping[str, TablePart], notes
             columns = {_COLUMNS[part.quantity]: part.values}
             single: Block[Imu] = Block(topic=name, kind=Imu, t_ns=_to_nanoseconds(part.t), columns=columns)
             part_name = f"{name} ({part.quantity})"
-            blocks.append(bridge_gaps(part_name, leave_out_unmeasured(part_name, single, notes), notes))
+            measured = leave_out_unmeasured(part_name, single, notes)
+            if len(measured) < MIN_ROWS:
+                raise ConfigError(part.file, f"rows with {part.quantity}", len(measured), f"at least {MIN_ROWS}")
+            blocks.append(bridge_gaps(part_name, measured, notes))
         block = join_at_gyro_stamps(name, *blocks)
         notes.warn(f"{name}: forces and rates are joined, the force interpolated to the stamps of the rate")
         check_overlap(f"{name} ({GYRO})", blocks[0].t_ns, f"{name} ({ACCEL})", blocks[1].t_ns, notes)

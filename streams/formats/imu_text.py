@@ -354,6 +354,8 @@ def _read_cells(
     _report_unused(path, head, [*read_at, *key_at], notes)
     result: dict[tuple[str, ...], list[TablePart]] = {}
     for key, (table, texts) in groups.items():
+        if not len(table):
+            raise ConfigError(path, "rows", 0, "rows of numbers below the names of the columns")
         cells = {index: table[:, place] for place, index in reversed(list(enumerate(read_at)))}
         if unused is not None:
             report_rate(path, columns, cells[unused], clock.rate_hz, notes)

@@ -1,6 +1,7 @@
 """Inputs at which the fuzzer found a traceback, a slow reader or a text of several lines; each stands for its kind."""
 
 import contextlib
+import math
 import re
 import sqlite3
 import struct
@@ -22,6 +23,8 @@ from stridetwin.scenarios.check import check_recording, check_table
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.opening import open_any
 from stridetwin.streams.kalibr import read_rig, rig_to_yaml
+from stridetwin.streams.motion_consistency import find_motion_fault
+from stridetwin.streams.rate_consistency import find_rate_fault
 from stridetwin.streams.recording.index import Problem
 from stridetwin.streams.recording.mcap_writer import MAGIC
 from stridetwin.streams.recording.reader import Recording
@@ -297,3 +300,52 @@ def test_lengths_of_mcap_records_that_cannot_be(tmp_path, record, lenient):
     texts = read_texts(write_mcap(tmp_path / "a.mcap", record), lenient)
     assert texts
     assert not any("\n" in text for text in texts)
+
+
+def test_a_long_table_of_forces_without_a_measurement(tmp_path):
+    lines = []
+    for k in range(40):
+        name, unit, size = ("acc", "g", 0.0) if k % 2 else ("gyr", "deg/s", 10.0)
+        lines += [f"{10 * k}|{name}_{axis}|{size * math.sin(k + i)}|{unit}\n" for i, axis in enumerate("xyz")]
+    file = tmp_path / "log.csv"
+    file.write_text("time [ms]|signal|value|unit\n" + "".join(lines))
+    assert len(read_texts(file)) == 1
+
+
+def test_names_of_columns_without_a_row(tmp_path):
+    file = tmp_path / "a.csv"
+    file.write_text("PacketCounter,SampleTimeFine,Acc_X,Acc_Y,Acc_Z,Gyr_X,Gyr_Y,Gyr_Z")
+    assert read_texts(file) == [f"{file}: rows: invalid 0: expected rows of numbers below the names of the columns"]
+
+
+def test_a_table_of_gravity_that_is_none(tmp_path):
+    (tmp_path / "Accelerometer.csv").write_text("time,seconds_elapsed,z,y,x")
+    frames = "".join(f'Depth,0,{k},"{1000010 + k}.000",3.000\n' for k in range(3))
+    head = "Configuration:\nStream Type,Stream Name,Format,FPS,Width,Height\nDepth 0,Depth,Z16,30,640,480\n\n"
+    (tmp_path / "Gravity.csv").write_text(f"{head}Stream Type,Index,F#,HW Timestamp (ms),Host Timestamp(ms)\n{frames}")
+    assert len(read_texts(tmp_path)) == 1
+
+
+def test_samples_before_and_after_a_month_are_checked_at_once():
+    t_ns = np.concatenate([np.arange(600), np.arange(600) + 30 * 86400 * 100]) * 10_000_000
+    rng = np.random.default_rng(0)
+    force, rate = rng.normal(0.0, 3.0, (1200, 3)) + [0.0, 0.0, 9.8], rng.normal(0.0, 1.0, (1200, 3))
+    start_s = time.process_time()
+    find_motion_fault(t_ns, force, rate)
+    find_rate_fault(t_ns, force, rate)
+    assert time.process_time() - start_s < 2.0  # a grid over the month takes a minute and gigabytes
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        ' Intrinsic of "Color" / 640x480 / {RGB8}\n  Width: 1e999\n  Height: 9\n  PPX: 9\n  PPY: 9\n  Fx: 9\n  Fy: 9\n',
+        "relative_config_imu:  ~\n\n Hz",
+    ],
+)
+def test_calibrations_with_numbers_and_names_that_cannot_be(tmp_path, text):
+    file = tmp_path / "rig.yaml"
+    file.write_text(text)
+    with pytest.raises(StrideTwinError) as error:
+        read_rig(file)
+    assert all(line.startswith(str(file)) for line in str(error.value).split("\n"))
