@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, StrictInt, create_model
 
-from stridetwin.streams.fields import Count, FileModel, NotNegative, Number, Positive, field_error
+from stridetwin.streams.fields import Count, FileModel, NotNegative, Number, Positive, Text, field_error
 from stridetwin.streams.lenses import DISTORTIONS
 from stridetwin.streams.matrix_fields import RigidTransform, to_matrix_rows
 
@@ -71,7 +71,7 @@ class CameraSection(KalibrSection):
     distortion_model: _Distortion
     distortion_coeffs: list[Number] = Field(default_factory=list)
     resolution: tuple[Count, Count]
-    rostopic: str | None = None
+    rostopic: Text | None = None
     timeshift_cam_imu: Number = 0.0
     readout_s: NotNegative = 0.0
     line_delay: NotNegative = 0.0
@@ -122,7 +122,7 @@ class ImuNoise(KalibrSection):
 class ImuSection(ImuNoise):
     """An IMU section of Kalibr's file; other tools do not give the rate."""
 
-    rostopic: str | None = None
+    rostopic: Text | None = None
     update_rate: Positive | None = None
     T_i_b: _Transform | None = None
 

@@ -349,3 +349,10 @@ def test_calibrations_with_numbers_and_names_that_cannot_be(tmp_path, text):
     with pytest.raises(StrideTwinError) as error:
         read_rig(file)
     assert all(line.startswith(str(file)) for line in str(error.value).split("\n"))
+
+
+def test_a_topic_of_several_lines_is_one(tmp_path):
+    document = rig_to_yaml(small_rig()).replace("rostopic: /head/color", "rostopic: /head/color\n\n    - 1")
+    file = tmp_path / "rig.yaml"
+    file.write_text(document)
+    assert "/head/color - 1" in read_rig(file).cameras
