@@ -404,6 +404,13 @@ def test_a_floor_that_mirrors_loses_depth_or_shows_the_ceiling() -> None:
     assert (depths(replayed(frames(1, 1.5), fault)) == 1.5).all()  # where it is unknown
 
 
+@given(offset_s=st.floats(-0.1, 0.1))
+def test_a_camera_is_off_its_imu_by_what_the_fault_says(offset_s) -> None:
+    plan = FaultPlan.of([Miscalibration(topic=COLOR, clock_offset_s=offset_s)], RIG, 0, DURATION_S)
+    nominal = RIG.cameras[COLOR].timeshift_cam_imu_s
+    assert plan.rig.cameras[COLOR].timeshift_cam_imu_s == pytest.approx(nominal + offset_s, abs=1e-12)
+
+
 def test_errors_of_the_calibration_are_where_the_fault_says() -> None:
     faults = (
         Miscalibration(topic=COLOR, rotation_rad=(0.02, 0, 0), translation_m=(0, 0.01, 0), clock_offset_s=0.01),
