@@ -63,12 +63,12 @@ def test_sensors_at_rest_and_loads_show_the_gravity_of_the_site():
     twin, nominal = walk(quito), walk(None)
     assert (twin.model.opt.gravity == [0, 0, -expected]).all()
     assert (nominal.model.opt.gravity == [0, 0, -NOMINAL_GRAVITY_MPS2]).all()
-    for own, gravity_mps2 in ((twin, expected), (nominal, NOMINAL_GRAVITY_MPS2)):
-        blocks = blocks_of(own)
+    for walked, gravity_mps2 in ((twin, expected), (nominal, NOMINAL_GRAVITY_MPS2)):
+        blocks = blocks_of(walked)
         force = blocks["/foot_l/imu"].columns["specific_force"][:40]
         np.testing.assert_allclose(np.linalg.norm(force, axis=1), gravity_mps2, atol=1e-3)
         ground = sum(blocks[f"/truth/foot_{s}/wrench"].columns["force_in_world"][:40, 2] for s in "lr")
-        np.testing.assert_allclose(ground.mean(), own.total_mass_kg * gravity_mps2, rtol=1e-3)
+        np.testing.assert_allclose(ground.mean(), walked.total_mass_kg * gravity_mps2, rtol=1e-3)
 
 
 def test_a_scenario_names_its_site(tmp_path):
