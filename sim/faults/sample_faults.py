@@ -164,7 +164,8 @@ def _find_rate(event: Event) -> float:
 
 def _fill_between(before: SampleInTransit, lost: SampleInTransit, after: SampleInTransit) -> SampleInTransit:
     """A lost sample with the values of a straight line in time between two others; it arrives with the later one."""
-    share = (lost.taken_ns - before.taken_ns) / (after.taken_ns - before.taken_ns)
+    span_ns = after.taken_ns - before.taken_ns  # 0 where a fault before this one has repeated a sample
+    share = (lost.taken_ns - before.taken_ns) / span_ns if span_ns else 0.0
     values = {}
     for f in fields(lost.item)[2:]:  # after topic and time
         start, end = (getattr(arrival.item, f.name) for arrival in (before, after))

@@ -177,6 +177,19 @@ def test_what_nothing_follows_is_not_filled_and_the_first_sample_is_never_lost()
     np.testing.assert_array_equal(stamps, block.t_ns[:1])
 
 
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 2**32), share=st.floats(0.1, 1), packet_samples=st.integers(1, 4))
+def test_what_is_repeated_and_out_of_order_is_filled_with_finite_values(seed, share, packet_samples) -> None:
+    before = (
+        OutOfOrder(topic=LEFT, at_s=0.02),
+        Repeat(topic=LEFT, at_s=0.01),
+        OutOfOrder(topic=LEFT, at_s=0.03, name="again"),
+    )
+    fault = Interpolated(topic=LEFT, at_s=0, share=share, packet_samples=packet_samples)
+    _, _, columns = corrupted(imu_block(seconds=1), *before, fault, seed=seed)
+    assert all(np.isfinite(values).all() for values in columns.values())
+
+
 def test_lost_packets_do_not_depend_on_where_the_stream_begins() -> None:
     samples = list(imu_block())
     fault = Interpolated(topic=LEFT, at_s=0, share=0.2, packet_samples=5)
