@@ -45,8 +45,8 @@ def parts() -> dict[str, ImuPart]:
 
 
 def at_rest(imu: ImuPart, seconds: float, seed: int) -> Array:
-    """Angular rates and specific forces (N, 6) of a level sensor at rest, with unlimited range and bandwidth."""
-    free = {"range": math.inf, "bandwidth_hz": math.inf}
+    """Angular rates and specific forces (N, 6) of a level sensor at rest, without limits and delay."""
+    free = {"range": math.inf, "bandwidth_hz": math.inf, "delay_s": 0.0}
     imu = replace(imu, gyroscope=replace(imu.gyroscope, **free), accelerometer=replace(imu.accelerometer, **free))
     nominal = ImuCalibration(
         topic="/imu",

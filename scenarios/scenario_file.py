@@ -25,7 +25,7 @@ CAMERAS = ("foot_camera", "head_camera")
 """Groups of sensors with images."""
 # keys of a file that are fields of the route, and of the configuration
 _OF_ROUTE = ("width_m", "scenery", "texture", "light", "bystanders", "things")
-_OF_CONFIG = ("person", "exo", "gait", "physics", "dynamics", "rig_mount", "ideal", "shock", "faults")
+_OF_CONFIG = ("person", "exo", "gait", "physics", "dynamics", "rig_mount", "ideal", "shock", "faults", "site")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -44,6 +44,7 @@ from stridetwin.sim.config import (
     Person,
     Ramp,
     Riser,
+    Site,
     Stairs,
     Thing,
     Turn,
@@ -454,6 +455,7 @@ class ScenarioFile(FileModel):
         ideal: Sensors without errors, on rigid shoes.
         shock: Heel-strike vibration and rocking of the shoes' uppers; never with ideal sensors.
         faults: Faults between sensors and recorder, of the sensors' mounts, and of the calibration.
+        site: Where on the Earth the walk is, for its gravity; without it gravity is 9.81 m/s².
     """
 
     description: Text
@@ -474,3 +476,4 @@ class ScenarioFile(FileModel):
     ideal: Annotated[StrictBool, Field(alias="ideal_sensors")] = False
     shock: StrictBool = True
     faults: Annotated[FaultList, Field(min_length=1)] = ()
+    site: Site | None = None

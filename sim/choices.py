@@ -30,6 +30,7 @@ FAULT_NAMES = (
     "dropout",
     "freeze",
     "repeat",
+    "interpolated",
     "nan",
     "late",
     "out_of_order",

@@ -47,6 +47,7 @@ def compose(config: TwinConfig) -> Composition:
     add_rig(spec, sensors.rig)
     add_soles(spec, size)
     add_bystanders(spec, config.route.bystanders)
+    spec.option.gravity = [0.0, 0.0, -config.gravity_mps2]
     spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_CONTACT  # the forward simulation switches contacts on
     spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE  # the sparse one of 4.0.0 is wrong for Newton
     return Composition(spec=spec, terrain=terrain, size=size, sensor_rig=sensors)

@@ -19,6 +19,7 @@ from stridetwin.sim.faults.faults import Fault
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.people import Person as Person
 from stridetwin.streams.fields import DEGREES, MILLIMETRES, Number, OneOf, ReadAs
+from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2, compute_normal_gravity
 
 SIDES = ("l", "r")  # left, right
 DIRECTIONS = {"up": False, "down": True}  # value of a segment's `down` by its word in scenario files
@@ -328,6 +329,19 @@ class Dynamics:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Site:
+    """Where on the Earth the walk is, for its gravity.
+
+    Attributes:
+        latitude_rad: Geodetic latitude, north positive.
+        height_m: Height above the ellipsoid of the WGS 84, about that above the sea.
+    """
+
+    latitude_rad: Annotated[Number, Field(ge=-90, le=90, alias="latitude_deg"), DEGREES]
+    height_m: Annotated[Number, Field(ge=-500, le=9000)] = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
 class TwinConfig:
     """Complete definition of a walk; together with a seed it determines every byte of the recording.
 
@@ -346,6 +360,7 @@ class TwinConfig:
         shock: Whether the shoes' uppers vibrate at heel strike and rock in stance; never with ideal sensors.
         dynamics: Parameters of `physics: dynamic`; None for its defaults.
         faults: Faults between sensors and recorder, and faults of the sensor mounts.
+        site: Where the walk is; None for a site of nominal gravity.
     """
 
     name: str
@@ -361,3 +376,11 @@ class TwinConfig:
     shock: bool = True
     dynamics: Dynamics | None = None
     faults: tuple[Fault, ...] = ()
+    site: Site | None = None
+
+    @property
+    def gravity_mps2(self) -> float:
+        """Gravity of the walk: normal gravity at its site (WGS 84), or the nominal one."""
+        if self.site is None:
+            return NOMINAL_GRAVITY_MPS2
+        return compute_normal_gravity(self.site.latitude_rad, self.site.height_m)

@@ -56,7 +56,9 @@ class LiveTwin:
         if config.faults:
             raise ConfigError(config.name, "faults", f"{len(config.faults)} of them", "none, for a live walk")
         self._twin, self.simulation = twin, twin.simulation(law)
-        self._suite = SensorSuite(twin.sensor_rig, twin.terrain, twin.crowd, twin.seed)
+        self._suite = SensorSuite(
+            twin.sensor_rig, twin.terrain, twin.crowd, twin.seed, gravity_mps2=config.gravity_mps2
+        )
         self._cameras = CameraProcesses(twin.model, twin.sensor_rig, twin.crowd, twin.seed, processes=1)
         self._latency_s = max(LATENCY_S, self._suite.latency_s + MARGIN_S)
         # Hz, rates at which the motion of the whole body is needed: sensors, cameras and ground truth

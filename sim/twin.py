@@ -241,7 +241,9 @@ class Twin:
         this output (`sim.faults.faults`).
         """
         playback = self.player()
-        suite = SensorSuite(self.sensor_rig, self.terrain, self.crowd, self.seed, self.mount_slips)
+        suite = SensorSuite(
+            self.sensor_rig, self.terrain, self.crowd, self.seed, self.mount_slips, self.config.gravity_mps2
+        )
         end_ns = int(self.duration_s * 1e9)
         rates = suite.rates | {c.rate_hz for c in self.rig.cameras.values()} | {truth.RATE_HZ}
         with CameraProcesses(self.model, self.sensor_rig, self.crowd, self.seed, self.mount_slips) as rendering:

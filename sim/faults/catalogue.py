@@ -12,6 +12,7 @@ FAULTS: dict[str, type[Fault]] = {
         sample_faults.Dropout,
         sample_faults.Freeze,
         sample_faults.Repeat,
+        sample_faults.Interpolated,
         sample_faults.Nan,
         sample_faults.Late,
         sample_faults.OutOfOrder,

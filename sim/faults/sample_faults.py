@@ -14,7 +14,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Annotated
 
 import numpy as np
-from pydantic import Field, StrictBool
+from pydantic import Field, StrictBool, StrictInt
 
 from stridetwin.sim.faults.faults import (
     NUMBERS,
@@ -31,7 +31,7 @@ from stridetwin.sim.faults.faults import (
 from stridetwin.sim.parts.library import full_scales
 from stridetwin.streams.fields import DEG, DEGREES, MILLIMETRES, Number, OneOf, Unit
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration
-from stridetwin.streams.samples import Ahrs, Array, Encoder, Image, Imu, Insole, Interaction, Odometry, Range
+from stridetwin.streams.samples import Actuator, Ahrs, Array, Encoder, Image, Imu, Insole, Interaction, Odometry, Range
 
 _RateRange = Annotated[Number | None, Field(ge=0.1, le=10_000, alias="gyroscope_deg_s"), DEGREES]
 _Length = Annotated[Number, Field(ge=-1000, le=1000)]
@@ -103,6 +103,74 @@ class Repeat(TimedFault):
     def corrupt(self, arrival: SampleInTransit, event: Event) -> Iterable[SampleInTransit]:
         """The sample, twice."""
         return arrival, arrival
+
+
+@dataclass(frozen=True, kw_only=True)
+class Interpolated(TimedFault):
+    """Lost packets that the driver fills by straight lines between their neighbours; counter and stamps show nothing.
+
+    Filled samples arrive together with the one that ends the line. Those that nothing follows never arrive.
+
+    Attributes:
+        share: Lost share of the packets, at random.
+        packet_samples: Samples in a packet.
+        above_rad_s: Size of an IMU's rate above which packets are lost, in the first sample of the packet; 0: always.
+    """
+
+    sample_types = (Imu, Insole, Encoder, Interaction, Actuator)
+    share: Annotated[Number, Field(ge=0.001, le=1)] = 0.1
+    packet_samples: Annotated[StrictInt, Field(ge=1, le=100)] = 1
+    above_rad_s: Annotated[Number, Field(ge=0, le=10_000, alias="above_deg_s"), DEGREES] = 0.0
+
+    def applies_to(self, stream: SensorStream) -> bool:
+        """Whether the samples hold numbers on which a line can be drawn, and rates where a level of them is given."""
+        return stream.kind in self.sample_types and (not self.above_rad_s or stream.kind is Imu)
+
+    def process(
+        self, stream: Iterable[SampleInTransit], events: EventsOfTopic, memory: Memory
+    ) -> Iterator[SampleInTransit]:
+        """Arrivals of which lost ones wait for the next that is not, and then have values between their neighbours.
+
+        `memory["last"]` is the last sample that was not lost, `memory["lost"]` are the lost ones since then, and
+        `memory["packet"]` is the number of the packet with whether it is lost.
+        """
+        for arrival in stream:
+            event = active_event(events, arrival)
+            if event is not None and "last" in memory and self._is_lost(arrival, event, memory):
+                memory.setdefault("lost", []).append(arrival)
+                continue
+            for lost in memory.pop("lost", ()):
+                yield _fill_between(memory["last"], lost, arrival)
+            memory["last"] = arrival
+            yield arrival
+
+    def _is_lost(self, arrival: SampleInTransit, event: Event, memory: Memory) -> bool:
+        """Whether a sample is in a lost packet; the packet's first sample decides for all of them."""
+        # packets by time, so that they are the same wherever the stream begins
+        rate_hz = _find_rate(event)
+        packet = event.key, round(arrival.taken_ns * 1e-9 * rate_hz) // self.packet_samples
+        if memory.get("packet", (None,))[0] != packet:
+            item = arrival.item
+            is_fast = not isinstance(item, Imu) or float(np.linalg.norm(item.angular_rate)) >= self.above_rad_s
+            memory["packet"] = packet, is_fast and event.rng(packet[1]).random() < self.share
+        return bool(memory["packet"][1])
+
+
+def _find_rate(event: Event) -> float:
+    """Nominal rate of the stream of an event, Hz."""
+    calibrations: dict[str, Calibration] = {**event.rig.imus, **event.rig.others}
+    return calibrations[event.topic].rate_hz
+
+
+def _fill_between(before: SampleInTransit, lost: SampleInTransit, after: SampleInTransit) -> SampleInTransit:
+    """A lost sample with the values of a straight line in time between two others; it arrives with the later one."""
+    span_ns = after.taken_ns - before.taken_ns  # 0 where a fault before this one has repeated a sample
+    share = (lost.taken_ns - before.taken_ns) / span_ns if span_ns else 0.0
+    values = {}
+    for f in fields(lost.item)[2:]:  # after topic and time
+        start, end = (getattr(arrival.item, f.name) for arrival in (before, after))
+        values[f.name] = start + share * (end - start)
+    return replace(lost.with_values(**values), log_ns=after.log_ns)
 
 
 @dataclass(frozen=True, kw_only=True)

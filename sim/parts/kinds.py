@@ -40,6 +40,8 @@ class Gyroscope:
         range: rad/s.
         bandwidth_hz: −3 dB.
         resolution: One count, rad/s; 0 for none.
+        delay_s: How much earlier than its stamp the motion of a sample is, as the filter of a driver makes it; the
+            delay of `bandwidth_hz` is no part of it.
     """
 
     noise_density: float = figure("noise_density_dps_per_rthz", 0, 1, scale=DEG, ideal=0.0)
@@ -52,6 +54,7 @@ class Gyroscope:
     range: float = figure("range_dps", 50, 10000, scale=DEG, ideal=math.inf)
     bandwidth_hz: float = figure("bandwidth_hz", 5, 2000, ideal=math.inf)
     resolution: float = figure("resolution_dps", 0, 1, scale=DEG, ideal=0.0, default=0.0)
+    delay_s: float = figure("delay_ms", 0, 50, scale=1e-3, ideal=0.0, default=0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,6 +71,8 @@ class Accelerometer:
         range: m/s².
         bandwidth_hz: −3 dB.
         resolution: One count, m/s²; 0 for none.
+        delay_s: How much earlier than its stamp the motion of a sample is, as the filter of a driver makes it; the
+            delay of `bandwidth_hz` is no part of it.
     """
 
     noise_density: float = figure("noise_density_ug_per_rthz", 0, 10000, scale=1e-6 * G, ideal=0.0)
@@ -79,6 +84,7 @@ class Accelerometer:
     range: float = figure("range_g", 1, 500, scale=G, ideal=math.inf)
     bandwidth_hz: float = figure("bandwidth_hz", 5, 2000, ideal=math.inf)
     resolution: float = figure("resolution_mg", 0, 50, scale=1e-3 * G, ideal=0.0, default=0.0)
+    delay_s: float = figure("delay_ms", 0, 50, scale=1e-3, ideal=0.0, default=0.0)
 
 
 @dataclass(frozen=True, kw_only=True)

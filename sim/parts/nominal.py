@@ -45,7 +45,7 @@ class CalibrationSd:
     rotation_rad: Annotated[Number, Field(ge=0, le=5, alias="rotation_deg"), DEGREES] = 0.0
     position_m: Annotated[Number, Field(ge=0, le=50, alias="position_mm"), MILLIMETRES] = 0.0
     intrinsics: Annotated[Number, Field(ge=0, le=5, alias="intrinsics_pct"), PERCENT] = 0.0
-    offset_s: Annotated[Number, Field(ge=0, le=50, alias="offset_ms"), MILLISECONDS] = 0.0
+    offset_s: Annotated[Number, Field(ge=0, le=100, alias="offset_ms"), MILLISECONDS] = 0.0
     depth_scale: Annotated[Number, Field(ge=0, le=5, alias="depth_scale_pct"), PERCENT] = 0.0
     readout: Annotated[Number, Field(ge=0, le=20, alias="readout_pct"), PERCENT] = 0.0
 

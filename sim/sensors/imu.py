@@ -157,6 +157,10 @@ class ImuModel(SensorModel[ImuCalibration, ImuPart]):
     trapezoidal rule for the velocity, up to Δt²/12 times the change of the acceleration. Before the first sample, the
     motion is assumed to be steady.
 
+    A channel with a delay gives what a part without it gives that much earlier: its inner steps are delayed after the
+    filter and before they are combined, as constant rates and forces that a sample's limits may cut anywhere. So whole
+    samples of delay shift the samples, and the rotation over any time is kept.
+
     Args:
         calibration: Topic, rate and mount.
         part: True parameters of the sensor.
@@ -179,7 +183,12 @@ class ImuModel(SensorModel[ImuCalibration, ImuPart]):
         self._range, bandwidth = _six_axes(part, "range"), _six_axes(part, "bandwidth_hz")
         # inner steps per sample; a part with unlimited bandwidth is ideal and needs none
         self.steps = math.ceil(INNER_HZ / part.rate_hz) if np.isfinite(bandwidth).any() else 1
+        delays_s = part.gyroscope.delay_s, part.accelerometer.delay_s
+        if any(delays_s):  # limits of samples cut inner steps, so there have to be short ones
+            self.steps = math.ceil(INNER_HZ / part.rate_hz)
         self._filters = [_LowPass(f, self.steps * part.rate_hz) for f in bandwidth]
+        # of the gyroscope, and of the accelerometer; None for a part without delay
+        self._delays = [_Delay(d * self.steps * part.rate_hz) for d in delays_s] if any(delays_s) else None
         self.delay_s = float(np.mean([f.delay_s for f in self._filters]))
         self._bias = noise.normal(1.0, 6) * _six_axes(part, "turn_on_bias")
         self._mix = _draw_sensitivity(part, noise)  # (6, 6), from true to sensed rate and force
@@ -209,9 +218,15 @@ class ImuModel(SensorModel[ImuCalibration, ImuPart]):
             sensor = past[1:].append_track(sensor)
         dt, rate, force = compute_increments(self._last, sensor, self._gravity)
         self._last = sensor[-1:]
-        if self.steps > 1:
+        if self.steps > 1 or self._delays is not None:
             sensed = self._filter(np.hstack([rate, force]))
-            rate, force = combine_increments(dt, sensed[:, :3], sensed[:, 3:], self.steps)
+            if self._delays is None:
+                rate, force = combine_increments(dt, sensed[:, :3], sensed[:, 3:], self.steps)
+            else:
+                # both channels at the earlier instants of one of them, so that rotation and force belong together
+                of_gyroscope, of_accelerometer = (delay(sensed) for delay in self._delays)
+                rate, _ = combine_increments(dt, of_gyroscope[:, :3], of_gyroscope[:, 3:], self.steps)
+                _, force = combine_increments(dt, of_accelerometer[:, :3], of_accelerometer[:, 3:], self.steps)
         else:  # an ideal part: one step per sample, without filter
             rate, force = np.split(np.hstack([rate, force]) @ self._mix.T + self._bias, 2, axis=1)
         measured = np.hstack([rate, force]) + self._wander.draw(len(t_ns))
@@ -264,6 +279,31 @@ class _LowPass:
             self._state = sosfilt_zi(self._sos) * x[0]  # as after a long time at the first value
         y, self._state = sosfilt(self._sos, x, zi=self._state)
         return np.asarray(y)
+
+
+class _Delay:
+    """Delay of constant values over equal steps that keeps its state between chunks; it starts in a steady state.
+
+    A part of a step is exact for values that are constant over each step: a delayed step covers the end of one step and
+    the beginning of the next, and has the mean over both.
+
+    Args:
+        steps: Length of the delay in steps, also with a fraction.
+    """
+
+    def __init__(self, steps: float) -> None:
+        self._whole, self._fraction = int(steps), steps % 1.0
+        self._past: Array | None = None  # (whole + 1, K) values of the steps before the next ones
+
+    def __call__(self, x: Array) -> Array:
+        """(N, K) values in place of the next (N, K) ones; the last ones are kept for the next call."""
+        if self._past is None:
+            self._past = np.repeat(x[:1], self._whole + 1, axis=0)  # as after a long time at the first value
+        known = np.vstack([self._past, x])
+        self._past = known[len(x) :]
+        # the steps `whole` before the next ones, and those before these
+        later, earlier = known[1 : len(x) + 1], known[: len(x)]
+        return (1.0 - self._fraction) * later + self._fraction * earlier
 
 
 def _six_axes(part: ImuPart, name: str) -> Array:

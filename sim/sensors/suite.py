@@ -20,6 +20,7 @@ from stridetwin.sim.sensors.sonar import SonarModel
 from stridetwin.sim.sensors.standard_rig import MountedSensor, SensorRig
 from stridetwin.sim.world.bystanders import Crowd
 from stridetwin.sim.world.terrain import Terrain
+from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, OtherSensor
 from stridetwin.streams.samples import Array, Block, Sample
 
@@ -33,10 +34,17 @@ class SensorSuite:
         crowd: Bystanders, for the sonars.
         seed: Seed of the walk.
         mount_slips: Slips of the sensor mounts.
+        gravity_mps2: Gravity of the walk, for inertial sensors.
     """
 
     def __init__(
-        self, sensor_rig: SensorRig, terrain: Terrain, crowd: Crowd, seed: int, mount_slips: MountSlips | None = None
+        self,
+        sensor_rig: SensorRig,
+        terrain: Terrain,
+        crowd: Crowd,
+        seed: int,
+        mount_slips: MountSlips | None = None,
+        gravity_mps2: float = NOMINAL_GRAVITY_MPS2,
     ) -> None:
         """Makes the model and the clock of every sensor, each with its own random numbers of the walk."""
         self._mount_slips = mount_slips or MountSlips()
@@ -45,7 +53,8 @@ class SensorSuite:
         for topic, sensor in sensor_rig.sensors.items():
             if not isinstance(sensor.calibration, CameraCalibration):
                 stamps = Stamps(sensor.clock, sensor.calibration.rate_hz, Noise.of_topic(seed, f"{topic}#clock"))
-                self._models.append((sensor, _make_model(sensor, terrain, crowd, Noise.of_topic(seed, topic)), stamps))
+                model = _make_model(sensor, terrain, crowd, Noise.of_topic(seed, topic), gravity_mps2)
+                self._models.append((sensor, model, stamps))
 
     @property
     def rates(self) -> set[float]:
@@ -87,7 +96,6 @@ class SensorSuite:
 
 
 _MODELS: dict[str, Any] = {
-    "imu": ImuModel,
     "range": SonarModel,
     "insole": InsoleModel,
     "ahrs": AhrsModel,
@@ -95,14 +103,17 @@ _MODELS: dict[str, Any] = {
     "interaction": InteractionModel,
     "actuator": ActuatorModel,
 }
-"""Model of each kind of `rig.OtherSensor`, and of an IMU."""
+"""Model of each kind of `rig.OtherSensor`."""
 
 
-def _make_model(sensor: MountedSensor, terrain: Terrain, crowd: Crowd, noise: Noise) -> Any:
-    """Model of a sensor, by its kind."""
-    kind = sensor.calibration.kind if isinstance(sensor.calibration, OtherSensor) else "imu"
-    surroundings = (terrain, crowd) if kind == "range" else ()
-    return _MODELS[kind](sensor.calibration, sensor.part, *surroundings, noise)
+def _make_model(sensor: MountedSensor, terrain: Terrain, crowd: Crowd, noise: Noise, gravity_mps2: float) -> Any:
+    """Model of a sensor, by its kind; gravity (m/s²) concerns inertial sensors alone."""
+    calibration: Any = sensor.calibration  # of an inertial or another sensor, which the part fits
+    part: Any = sensor.part
+    if isinstance(calibration, ImuCalibration):
+        return ImuModel(calibration, part, noise, gravity_mps2)
+    surroundings = (terrain, crowd) if calibration.kind == "range" else ()
+    return _MODELS[calibration.kind](calibration, part, *surroundings, noise)
 
 
 def _read_block(

@@ -15,7 +15,7 @@ from stridetwin.batch.rows import RowLines
 from stridetwin.batch.run import ROWS, Batch, Progress
 from stridetwin.gate.walk_scores import scoring_versions
 from stridetwin.outputs.parameters import ParameterValues, to_texts
-from stridetwin.scenarios.campaign.named_files import copy_files
+from stridetwin.scenarios.campaign.named_files import SCENARIOS, copy_files
 from stridetwin.scenarios.scenario_file import Scenario
 from stridetwin.scenarios.score_needs import estimators_of
 from stridetwin.streams.errors import FieldLocation, StrideTwinError
@@ -102,6 +102,8 @@ def run_study(
         if (folder / ROWS).exists() and not options.resume:
             raise StrideTwinError(f"{folder}: holds a study: expected --resume to continue it, or another folder")
         copy_files(folder, study.user_files)
+        if study.user_files:  # scenarios name them as ../files/..., from a folder that has to exist
+            (folder / SCENARIOS).mkdir(exist_ok=True)
         walks = _list_walks(study, folder, options.physics)
         _check_sensors(study, walks)
         versions = partial(_versions, tuple(sorted({method.estimator for method in study.methods})))

@@ -22,6 +22,7 @@ EVERY = [
     {"kind": "dropout", "topic": "/foot_l/imu", "rate_per_min": 30, "duration_s": 0.05},
     {"kind": "freeze", "topic": "/foot_l/insole", **AT},
     {"kind": "repeat", "topic": "/foot_l/imu", **AT},
+    {"kind": "interpolated", "topic": "/foot_r/imu", **AT, "share": 0.2, "packet_samples": 2, "above_deg_s": 200},
     {"kind": "nan", "topic": "/foot_r/imu", **AT},
     {"kind": "late", "topic": "/foot_*/imu", "at_s": 5, "duration_s": 0.5, "delay_s": 0.2},
     {"kind": "out_of_order", "topic": "/foot_r/insole", **AT},
@@ -87,6 +88,16 @@ def test_every_kind_is_read_and_the_demo_has_them_all(tmp_path):
             {"kind": "saturation", "topic": "/foot_l/imu", "at_s": 1, "fraction": 2},
             "faults[0].fraction: invalid 2",
             "0.001-1",
+        ),
+        (
+            {"kind": "interpolated", "topic": "/foot_l/imu", "at_s": 1, "packet_samples": 0},
+            "faults[0].packet_samples: invalid 0",
+            "1-100",
+        ),
+        (
+            {"kind": "interpolated", "topic": "/foot_l/insole", "at_s": 1, "above_deg_s": 90},
+            "faults[0].topic: invalid '/foot_l/insole'",
+            "/foot_l/imu",
         ),
         (
             {"kind": "dead_cell", "topic": "/foot_l/insole", "at_s": 1, "cell": "arch"},

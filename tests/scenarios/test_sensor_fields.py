@@ -3,7 +3,9 @@ import pytest
 
 from stridetwin.scenarios.scenario_model import SensorsInFile
 from stridetwin.sim.config import Level, Route, TwinConfig
+from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.sensor_config import KIND
+from stridetwin.sim.sensors.model import Stamps
 from stridetwin.sim.sensors.standard_rig import sensor_rig
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.validation import validate
@@ -91,6 +93,17 @@ def test_a_trigger_offset_is_in_the_calibration_if_the_clock_says_so(calibrated)
     assert worn.sensors["/foot_l/camera"].clock.shift_s == pytest.approx(0.005)
 
 
+@pytest.mark.parametrize("offset_s", [-0.1, 0.02, 0.05, 0.1])
+def test_a_camera_may_be_off_its_imu_by_a_tenth_of_a_second(offset_s):
+    perfect = fitted({"head_camera": True, "head_imu": True}).rig.cameras["/head/color"].timeshift_cam_imu_s
+    worn = fitted({"head_camera": {"clock": {"offset_s": offset_s}}})
+    assert worn.rig.cameras["/head/color"].timeshift_cam_imu_s == perfect  # estimators are not told
+    # stamps minus true times, ns
+    t_ns = np.arange(10**9, 2 * 10**9, 10**8)
+    stamps = Stamps(worn.sensors["/head/color"].clock, 30.0, Noise(None)).stamp(t_ns)
+    np.testing.assert_array_equal(stamps - t_ns, round(offset_s * 1e9))
+
+
 @pytest.mark.parametrize(
     ("node", "words"),
     [
@@ -138,6 +151,9 @@ def test_errors_of_calibration_exposure_and_strikes_are_read_in_the_units_of_fil
     assert asked.configs["head_imu"].strike == pytest.approx(9.80665)
     worn = fitted({"head_camera": camera})
     assert worn.sensors["/head/color"].part.imager.exposure_s == pytest.approx(0.015)
+    assert read({"head_camera": {"calibration_sd": {"offset_ms": 100}}}).configs[
+        "head_camera"
+    ].calibration_sd.offset_s == pytest.approx(0.1)
     with pytest.raises(ConfigError, match="calibration_sd"):
         read({"foot_imu": {"calibration_sd": {}}})
     with pytest.raises(ConfigError, match=r"head_camera\.calibration_sd\.rotation_deg: invalid 9: expected 0-5"):

@@ -19,6 +19,7 @@ from stridetwin.sim.faults.sample_faults import (
     Dropout,
     Exchange,
     Freeze,
+    Interpolated,
     Late,
     Miscalibration,
     Nan,
@@ -139,6 +140,63 @@ def test_nan_spoils_every_value() -> None:
     for values in columns.values():
         assert np.isnan(values[bad]).all()
         assert np.isfinite(values[~bad]).all()
+
+
+@pytest.mark.parametrize(("share", "packet_samples"), [(0.2, 1), (0.5, 4), (1.0, 3)])
+def test_filled_samples_lie_on_lines_between_those_that_arrived(share: float, packet_samples: int) -> None:
+    block = imu_block()
+    fault = Interpolated(topic=LEFT, at_s=3, duration_s=5, share=share, packet_samples=packet_samples)
+    stamps, logs, columns = corrupted(block, fault)
+    np.testing.assert_array_equal(stamps, block.t_ns)
+    assert (np.diff(logs) >= 0).all()
+    filled = (columns["angular_rate"] != block.columns["angular_rate"]).any(axis=1)
+    assert not filled[~during(stamps, 3, 8)].any()
+    assert filled[during(stamps, 3, 8)].mean() == pytest.approx(share, abs=0.12)
+    for name, sent in block.columns.items():
+        on_lines = [np.interp(stamps, stamps[~filled], axis[~filled]) for axis in sent.T]
+        np.testing.assert_allclose(columns[name], np.column_stack(on_lines), atol=1e-9)
+    # what is filled arrives with the next that is not
+    next_whole = np.flatnonzero(~filled)[np.searchsorted(np.flatnonzero(~filled), np.flatnonzero(filled))]
+    np.testing.assert_array_equal(logs[filled], stamps[next_whole])
+
+
+def test_packets_are_lost_in_fast_motion_alone() -> None:
+    block = imu_block()
+    limit = np.radians(500)
+    fault = Interpolated(topic=LEFT, at_s=0, duration_s=9.5, share=0.5, above_rad_s=limit)
+    stamps, _, columns = corrupted(block, fault)
+    filled = (columns["angular_rate"] != block.columns["angular_rate"]).any(axis=1)
+    is_fast = (np.linalg.norm(block.columns["angular_rate"], axis=1) >= limit) & (stamps < 9_500_000_000)
+    assert filled[is_fast].mean() == pytest.approx(0.5, abs=0.07)
+    assert not filled[~is_fast].any()
+
+
+def test_what_nothing_follows_is_not_filled_and_the_first_sample_is_never_lost() -> None:
+    block = imu_block(seconds=1)
+    stamps, _, _ = corrupted(block, Interpolated(topic=LEFT, at_s=0, share=1.0))
+    np.testing.assert_array_equal(stamps, block.t_ns[:1])
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 2**32), share=st.floats(0.1, 1), packet_samples=st.integers(1, 4))
+def test_what_is_repeated_and_out_of_order_is_filled_with_finite_values(seed, share, packet_samples) -> None:
+    before = (
+        OutOfOrder(topic=LEFT, at_s=0.02),
+        Repeat(topic=LEFT, at_s=0.01),
+        OutOfOrder(topic=LEFT, at_s=0.03, name="again"),
+    )
+    fault = Interpolated(topic=LEFT, at_s=0, share=share, packet_samples=packet_samples)
+    _, _, columns = corrupted(imu_block(seconds=1), *before, fault, seed=seed)
+    assert all(np.isfinite(values).all() for values in columns.values())
+
+
+def test_lost_packets_do_not_depend_on_where_the_stream_begins() -> None:
+    samples = list(imu_block())
+    fault = Interpolated(topic=LEFT, at_s=0, share=0.2, packet_samples=5)
+    whole = {s.t_ns: s.angular_rate.tobytes() for s in replayed(samples, fault)}
+    late = {s.t_ns: s.angular_rate.tobytes() for s in replayed(samples[500:], fault)}
+    # the line to the first sample may begin before it
+    assert all(whole[t_ns] == value for t_ns, value in list(late.items())[20:])
 
 
 def test_late_samples_keep_stamps_and_order_and_hold_up_those_after_them() -> None:
@@ -359,6 +417,13 @@ def test_a_floor_that_mirrors_loses_depth_or_shows_the_ceiling() -> None:
     assert (depths(replayed(frames(1, 1.5), fault)) == 1.5).all()  # where it is unknown
 
 
+@given(offset_s=st.floats(-0.1, 0.1))
+def test_a_camera_is_off_its_imu_by_what_the_fault_says(offset_s) -> None:
+    plan = FaultPlan.of([Miscalibration(topic=COLOR, clock_offset_s=offset_s)], RIG, 0, DURATION_S)
+    nominal = RIG.cameras[COLOR].timeshift_cam_imu_s
+    assert plan.rig.cameras[COLOR].timeshift_cam_imu_s == pytest.approx(nominal + offset_s, abs=1e-12)
+
+
 def test_errors_of_the_calibration_are_where_the_fault_says() -> None:
     faults = (
         Miscalibration(topic=COLOR, rotation_rad=(0.02, 0, 0), translation_m=(0, 0.01, 0), clock_offset_s=0.01),
@@ -397,6 +462,7 @@ FAULTS = (
     Repeat(topic=LEFT, rate_per_min=30, duration_s=0.1),
     Nan(topic=LEFT, rate_per_min=30, duration_s=0.05),
     Late(topic=LEFT, rate_per_min=30, duration_s=0.2),
+    Interpolated(topic=LEFT, rate_per_min=30, duration_s=1.5, share=0.5, packet_samples=3, above_rad_s=5.0),
     OutOfOrder(topic=LEFT, rate_per_min=30, duration_s=0.15),
     ClockJump(topic=LEFT, rate_per_min=10, duration_s=0.5, jump_s=0.3),
     Saturation(topic=LEFT, at_s=0),

@@ -253,6 +253,89 @@ def test_the_bandwidth_is_where_a_part_feels_0_7_of_a_vibration_and_its_delay_is
     assert delay == pytest.approx(model.delay_s, rel=0.03)
 
 
+def delayed(part, gyroscope_s=0.0, accelerometer_s=0.0):
+    return replace(
+        part,
+        gyroscope=replace(part.gyroscope, delay_s=gyroscope_s),
+        accelerometer=replace(part.accelerometer, delay_s=accelerometer_s),
+    )
+
+
+def read_walk(part, seconds=4.0, chunks=1, noise=STILL):
+    """Columns of the samples of a part of 120 Hz on the foot-like motion, read in so many chunks."""
+    model = imu_model.ImuModel(imu(), replace(part, rate_hz=120.0), noise)
+    t_ns = np.round(np.arange(int(seconds * 120) + 1) * 1e9 / 120).astype(np.int64)
+    columns = []
+    for samples in np.array_split(t_ns, chunks):
+        ends = step_ends(120.0, model.steps, samples) + round(model.delay_s * 1e9)
+        columns.append(model.read(foot_like(ends * 1e-9), samples).columns)
+    return {name: np.concatenate([c[name] for c in columns]) for name in columns[0]}
+
+
+def lag_s(early, late, rate_hz=120.0):
+    """Time by which a channel (N,) is later than another, by the phase of their cross-spectrum below 10 Hz."""
+    spectra = [np.fft.rfft((x - x.mean()) * np.hanning(len(x))) for x in (early, late)]
+    cross, hz = spectra[0] * np.conj(spectra[1]), np.fft.rfftfreq(len(early), 1 / rate_hz)
+    low = (hz > 0) & (hz < 10)
+    # least squares of a straight phase, by power
+    w = 2 * np.pi * hz[low]
+    return float(np.sum(abs(cross[low]) * w * np.angle(cross[low])) / np.sum(abs(cross[low]) * w**2))
+
+
+SLOW = replace(
+    PART,
+    gyroscope=replace(PART.gyroscope, bandwidth_hz=60.0),
+    accelerometer=replace(PART.accelerometer, bandwidth_hz=60.0),
+)
+
+
+@settings(max_examples=12, deadline=None)
+@given(gyroscope_s=st.floats(0, 0.05), accelerometer_s=st.floats(0, 0.05))
+def test_a_channel_is_late_by_its_own_delay(gyroscope_s, accelerometer_s):
+    prompt, late = read_walk(SLOW, 8.0), read_walk(delayed(SLOW, gyroscope_s, accelerometer_s), 8.0)
+    for name, delay_s in (("angular_rate", gyroscope_s), ("specific_force", accelerometer_s)):
+        for axis in (0, 1):
+            assert lag_s(prompt[name][:, axis], late[name][:, axis]) == pytest.approx(delay_s, abs=2e-4)
+
+
+@pytest.mark.parametrize("samples", [(1, 0), (0, 2), (3, 5)])
+def test_a_delay_of_whole_samples_moves_them(samples):
+    prompt, late = read_walk(SLOW), read_walk(delayed(SLOW, samples[0] / 120, samples[1] / 120))
+    for name, count in zip(("angular_rate", "specific_force"), samples):
+        end = len(prompt[name]) - count
+        # the first sample's steps are steady motion, which the filter meets earlier
+        np.testing.assert_allclose(late[name][count:][10:], prompt[name][:end][10:], atol=1e-6)
+
+
+def test_chunks_make_no_difference_to_a_delay():
+    part = delayed(SLOW, 0.0031, 0.0125)
+    whole, cut = read_walk(part), read_walk(part, chunks=7)
+    for name, column in whole.items():
+        np.testing.assert_allclose(cut[name], column, atol=1e-9)
+
+
+def test_a_delayed_part_feels_gravity_alone_at_rest():
+    part = delayed(limited(), 0.004, 0.0123)
+    model = imu_model.ImuModel(imu(), part, STILL)
+    ends, t_ns = at_steps(foot_like(instants(120.0, 1.0)), 120.0, model.steps)
+    still = replace(
+        foot_like(np.zeros(len(ends))),
+        t_ns=ends,
+        v_body_in_world=np.zeros((len(ends), 3)),
+        w_body=np.zeros((len(ends), 3)),
+    )
+    columns = model.read(still, t_ns).columns
+    np.testing.assert_allclose(np.linalg.norm(columns["specific_force"], axis=1), NOMINAL_GRAVITY_MPS2, atol=1e-9)
+    np.testing.assert_allclose(columns["angular_rate"], 0.0, atol=1e-9)
+
+
+def test_a_part_without_delay_keeps_its_bytes():
+    noise = "/foot_l/imu"
+    plain, zero = (read_walk(p, noise=Noise.of_topic(5, noise)) for p in (SLOW, delayed(SLOW, 0.0, 0.0)))
+    for name, column in plain.items():
+        np.testing.assert_array_equal(zero[name], column)
+
+
 def test_errors_that_grow_with_the_motion_are_those_of_the_part():
     part = limited(scale_factor=0.01, misalignment=0.002, g_sensitivity=1e-3)
     t = instants(120.0, 2.0)

@@ -10,6 +10,7 @@ import yaml
 
 from stridetwin.batch.run import ROWS
 from stridetwin.cli.main import main
+from stridetwin.scenarios.campaign.named_files import copy_files
 from stridetwin.sim.people import PEOPLE
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.studies.design import make_scenario
@@ -188,6 +189,32 @@ def test_levels_take_turns_from_seed_to_seed(tmp_path):
     header, first = csv_text(study, [fake_row(usual=0.1)] * 24).splitlines()[:2]
     assert header == "group,member,side,speed,seed,method,score,value"
     assert first.startswith("i,1,head,slow,10,usual,end_error_m,")
+
+
+def test_a_part_beside_the_study_is_found_in_its_output(tmp_path):
+    part = (ROOT / "examples/sensor_errors/late_forces.yaml").read_text(encoding="utf-8")
+    (tmp_path / "mine.yaml").write_text(part, encoding="utf-8")
+    vary = {"part": {"mine": {"sensors.foot_imu.part": "mine.yaml"}}}
+    path = write_study(
+        tmp_path,
+        vary=vary,
+        faults={},
+        seeds=[3],
+        set={},
+        scores=["end_error_m"],
+        methods={"usual": {"estimator": "foot_ins"}},
+    )
+    run_study(read_study(path), StudyOptions(folder=tmp_path / "out"), silent)
+    assert (tmp_path / "out/files/mine.yaml").read_text(encoding="utf-8") == part
+
+
+@pytest.mark.parametrize("name", ["foot", "head"])
+def test_the_studies_of_sensor_errors_can_be_walked(tmp_path, name):
+    study = read_study(ROOT / f"examples/sensor_errors/{name}.yaml")
+    copy_files(tmp_path, study.user_files)
+    (tmp_path / "scenarios").mkdir()
+    configs = [make_scenario(study, combination, tmp_path).config for combination in study.combinations]
+    assert len(configs) == len({repr(config) for config in configs})
 
 
 def test_a_level_sets_the_whole_scenario(tmp_path):
