@@ -102,7 +102,7 @@ def _list_lines(error: StrideTwinError, source: Path) -> list[str]:
         AssertionError: A line names neither the source nor an option.
     """
     lines = str(error).split("\n")
-    top = str(source.parent)
+    top = str(source.parent.parent)  # a table of stamps may be beside the folder of poses
     for line in lines:
         if top not in line and not line.startswith(("import: ", "... and ")):  # an option, or the number of others
             raise AssertionError(f"a line of an error names no file: {line[:200]!r}")

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.scenarios.camera_axes import find_rate_fault, find_up, is_upright
 from stridetwin.scenarios.camera_clock import (
     CLOCK_OFFSET_S,
     CameraClock,
@@ -70,6 +71,8 @@ class CameraFit:
     Attributes:
         camera: Its calibration.
         R_cam_imu: (3, 3) its calibrated rotation, which takes the IMU's axes into the camera's optical ones.
+        rate_fault: What is wrong with the rates of its IMU, by the images; "" for nothing.
+        up: (3,) direction of up in the camera's axes by the forces of its IMU; None without gravity.
         clock: Its clock and mount; None where the two rotations have no clear common peak.
         focal: Its focal length; None where the rotation does not show it.
         lever: Its lever arm; None without depth, or where clock, mount or focal length are wrong.
@@ -79,6 +82,8 @@ class CameraFit:
 
     camera: CameraCalibration
     R_cam_imu: Array
+    rate_fault: str
+    up: Array | None
     clock: CameraClock | None
     focal: FocalMultiple | None
     lever: LeverArm | None
@@ -97,10 +102,15 @@ class CameraFit:
         if not self.overlaps:
             yield CameraFault(text=self._describe_spans(), spoils=True)
         clock = self.clock
+        if self.rate_fault:
+            yield CameraFault(text=self.rate_fault, spoils=True)
+            return
         if clock is None:
             return
         if clock.mount_off_deg:
-            yield CameraFault(text=self._describe_mount(clock), spoils=True)
+            yield CameraFault(text=self._describe_turn(clock), spoils=True)
+        elif self.up is not None and not is_upright(self.camera, self.up):
+            yield CameraFault(text=self._describe_up(self.up), spoils=False, is_certain=False)
         if clock.is_off and self.overlaps:
             spoils = abs(clock.unexplained_s) - clock.half_s > _SPOILING_OFFSET_S
             may_roll = self.is_imported and not self.camera.readout_s and not spoils
@@ -110,6 +120,26 @@ class CameraFit:
             yield CameraFault(text=self._describe_focal(self.focal), spoils=True)
         if self.lever is not None and self.lever.is_off:
             yield CameraFault(text=self._describe_lever(self.lever), spoils=False)
+
+    def _describe_turn(self, clock: CameraClock) -> str:
+        """The sentence about a rotation that differs from the calibrated one: of the mount, or of the rates alone."""
+        is_mount = self.up is None or not is_upright(self.camera, self.up)
+        if is_mount or self.up is None or is_upright(self.camera, clock.turn @ self.up):
+            return self._describe_mount(clock)
+        return (
+            f"its images turn as {clock.imu} measures only if the rates of that are turned by "
+            f"{clock.mount_off_deg:.0f}°, and then the camera is not upright, which it is as calibrated by the forces: "
+            "probably the axes of the rates are others than those of the forces"
+        )
+
+    def _describe_up(self, up: Array) -> str:
+        """The sentence about a camera that is not upright, (3,) up in its axes."""
+        x, y, z = up
+        return (
+            f"up is ({x:.1f}, {y:.1f}, {z:.1f}) in its axes by the forces of {self.camera.imu_topic}: expected about "
+            "(0, -1, 0) of a worn camera, whose y points down; does it lie on its side, or have the forces other axes "
+            "than the rates?"
+        )
 
     def _describe_mount(self, clock: CameraClock) -> str:
         """The sentence about a wrong rotation on the IMU."""
@@ -198,13 +228,17 @@ def fit_camera(
         is_clear = clock is not None and abs(abs(clock.unexplained_s) - CLOCK_OFFSET_S) > clock.half_s
         if is_clear and focal is not None and focal.is_certain:
             break
+    rates = [r for r in (estimate_rates(camera, segment) for segment in segments) if r is not None]
+    rate_fault = find_rate_fault(camera, gyro, rates, clock) if rates else ""
     lever = None
-    if clock is not None and not clock.mount_off_deg and focal is not None and not focal.is_off:
+    if clock is not None and not rate_fault and not clock.mount_off_deg and focal is not None and not focal.is_off:
         lever = comparison.find_lever(segments, clock)
     spans = tuple((int(t[0]) * 1e-9, int(t[-1]) * 1e-9) for t in (images, imu.t_ns))
     return CameraFit(
         camera=camera,
         R_cam_imu=T_imu_cam[:3, :3].T,
+        rate_fault=rate_fault,
+        up=find_up(imu, T_imu_cam[:3, :3].T),
         clock=clock,
         focal=focal,
         lever=lever,

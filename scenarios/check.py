@@ -319,7 +319,7 @@ def _check_cameras(
         findings += [
             Finding(topic=camera.topic, what=fault.text, is_error=fault.is_certain) for fault in fit.list_faults()
         ]
-        if fit.clock is None:
+        if fit.clock is None and not fit.rate_fault:
             what = f"its clock and mount could not be checked with its images and the gyroscope of {camera.imu_topic}"
             findings.append(Finding(topic=camera.topic, what=what, is_error=False))
         fits[camera.topic] = fit

@@ -48,7 +48,7 @@ def list_corrections() -> list[Correction]:
 
 def list_products() -> list[Correction]:
     """Wrong units and factors, and swapped and mirrored axes, in the order of likelihood: products with a matrix."""
-    result = [Correction(cause=cause, matrix=factor * np.eye(3)) for cause, factor in _SCALES]
+    result = list_units()
     for order in itertools.permutations(range(3)):
         for signs in itertools.product((1.0, -1.0), repeat=3):
             axes = ", ".join(f"{'-' if sign < 0 else ''}{'xyz'[axis]}" for axis, sign in zip(order, signs))
@@ -59,6 +59,11 @@ def list_products() -> list[Correction]:
                     Correction(cause=f"the axes x, y, z of the forces are {axes} of the rates", matrix=matrix)
                 )
     return result
+
+
+def list_units() -> list[Correction]:
+    """Wrong units and ranges of the rates, in the order of likelihood."""
+    return [Correction(cause=cause, matrix=factor * np.eye(3)) for cause, factor in _SCALES]
 
 
 def correct_shift(shift_s: float) -> Correction:

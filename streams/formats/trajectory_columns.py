@@ -284,7 +284,8 @@ def _begins_with_identity(table: Array, places: Sequence[int]) -> bool | None:
 
 def _counts_rows(numbers: Array) -> bool:
     """Whether numbers (N,) are 0, 1, 2, ... or begin with another whole number."""
-    return bool(len(numbers) > 1 and np.all(np.diff(numbers) == 1.0) and numbers[0] == np.floor(numbers[0]))
+    are_counts = len(numbers) > 1 and np.isfinite(numbers).all() and numbers[0] == np.floor(numbers[0])
+    return bool(are_counts and np.all(np.diff(numbers) == 1.0))
 
 
 def _has_nanoseconds(table: Array) -> bool:

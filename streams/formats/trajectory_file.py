@@ -242,7 +242,8 @@ def _check_finite(rows: TrajectoryRows, values: Array, names: Sequence[str], pla
     line = rows.lines[row]
     texts = enumerate(read_lines(Path(rows.path), detect_encoding(Path(rows.path))), 1)
     text = next(text for number, text in texts if number == line)
-    cell = split_cells(text.partition("#")[0], keeps_empty=True)[places[at]]
+    cells = split_cells(text.partition("#")[0], keeps_empty=True)
+    cell = cells[places[at]] if places[at] < len(cells) else ""
     valid = f"a finite number, {-_FARTHEST_M:g} to {_FARTHEST_M:g}"
     raise ConfigError(rows.path, f"line {line}, {names[at]}", cell, valid)
 

@@ -163,7 +163,7 @@ def read_rows(path: str | Path, columns: Columns | None = None) -> TrajectoryRow
         content, mark, comment = line.partition("#")
         if not rows.stamps and (mark or line[:1] in "%/"):
             rows.take_names(comment if mark else line.lstrip("%/"))
-        if not content.strip(" \t,;") or line[:1] in "%/":
+        if not content.strip(" \t,;") or not split_cells(content) or line[:1] in "%/":
             continue
         if not rows.stamps and rows.columns is None and not is_number(split_cells(content)[0]):
             rows.take_names(content)  # a header without a mark

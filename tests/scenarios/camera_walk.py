@@ -65,7 +65,7 @@ class CameraWalk:
         p_before, p_after = (self.pose(t - 0.5 / HZ + d)[1] for d in (-e, e))
         # means over the interval that ends at a stamp
         rate = (before.inv() * R).as_rotvec() * HZ
-        force = middle.inv().apply((p_after - 2 * p + p_before) / e**2 + np.array([0, 0, 9.81]))
+        force = middle.inv().apply((p_after - 2 * p + p_before) / e**2 + np.array([0, -9.81, 0]))
         columns = {
             "angular_rate": rate + rng.normal(0.005, 0.003, rate.shape),
             "specific_force": force + rng.normal(0.03, 0.03, force.shape),

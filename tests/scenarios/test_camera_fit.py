@@ -7,6 +7,7 @@ import pytest
 from camera_walk import FOCAL, CameraWalk
 from scipy.spatial.transform import Rotation
 
+from stridetwin.scenarios.camera_axes import find_rate_fault, is_upright
 from stridetwin.scenarios.camera_clock import GyroRates, estimate_clock
 from stridetwin.scenarios.camera_fit import describe_turn
 from stridetwin.scenarios.camera_focal import estimate_focal
@@ -128,3 +129,40 @@ def test_a_wrong_mount_has_a_name(turn, cause):
     assert f"probably {cause}" in text
     fitting = np.array(eval(text.partition("fits is ")[2].partition(", for")[0]))
     np.testing.assert_allclose(fitting, turn.as_matrix() @ INVERTIBLE, atol=0.05)
+
+
+def axes_fault(walk, M=None, factor=1.0):
+    """What the images say about rates that are multiplied by a matrix and a factor."""
+    M = np.eye(3) if M is None else M
+    imu = walk.imu()
+    rate = factor * imu.columns["angular_rate"] @ M.T
+    wrong = replace(imu, columns={**imu.columns, "angular_rate": rate})
+    gyro = GyroRates.of(wrong, walk.T_imu_cam[:3, :3].T)
+    rates = [estimate_rates(walk.camera(), segment) for segment in walk.tracks()]
+    return find_rate_fault(walk.camera(), gyro, rates, estimate_clock(walk.camera(), gyro, rates))
+
+
+@pytest.mark.parametrize(
+    ("M", "factor", "words"),
+    [
+        (np.eye(3), 1.0, ""),
+        (np.diag([1.0, -1.0, 1.0]), 1.0, "mirrored"),
+        (-np.eye(3), 1.0, "mirrored"),
+        (np.eye(3)[[1, 0, 2]], 1.0, "mirrored"),
+        (np.eye(3), 180 / np.pi, "°/s"),
+        (np.eye(3), 1e-3, "1000 times too small"),
+    ],
+)
+def test_images_show_the_unit_and_the_handedness_of_rates(M, factor, words):
+    fault = axes_fault(CameraWalk(seed=6), M, factor)
+    assert words in fault
+    assert bool(fault) == bool(words)
+
+
+@pytest.mark.parametrize(
+    ("up", "is_worn"),
+    [((0, -1, 0), True), ((0, -0.8, -0.6), True), ((1, 0, 0), False), ((0, 1, 0), False), ((0, -0.8, 0.6), False)],
+)
+def test_who_wears_a_camera_holds_it_upright(up, is_worn):
+    camera = CameraWalk(seed=1).camera()
+    assert is_upright(replace(camera, mount=replace(camera.mount, body="head")), np.array(up, float)) == is_worn

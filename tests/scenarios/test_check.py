@@ -41,7 +41,7 @@ def inertial(gyro=None, t_ns=None):
     n = SECONDS * HZ
     rng = np.random.default_rng(3)
     gyro = rng.normal(0, 0.02, (n, 3)) if gyro is None else gyro
-    up, force = np.array([0, 0, 9.81]), []
+    up, force = np.array([0, -9.81, 0]), []
     for back in Rotation.from_rotvec(-gyro / HZ):
         up = back.apply(up)
         force.append(up)

@@ -22,6 +22,7 @@ from benchmarks.foreign_files import Walk, write_rosbag1
 from stridetwin.scenarios.check import check_recording, check_table
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.opening import open_any
+from stridetwin.streams.formats.trajectory_file import read_trajectory
 from stridetwin.streams.kalibr import read_rig, rig_to_yaml
 from stridetwin.streams.motion_consistency import find_motion_fault
 from stridetwin.streams.rate_consistency import find_rate_fault
@@ -356,3 +357,20 @@ def test_a_topic_of_several_lines_is_one(tmp_path):
     file = tmp_path / "rig.yaml"
     file.write_text(document)
     assert "/head/color - 1" in read_rig(file).cameras
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "\u2028",
+        "14036365790000000009223372036854779807\t0\t0\t0\t1\t0\t0\t0\t0.25\t.nan\t ty\t\n" * 2,
+        "1" + "0" * 400 + " 0 0 0 1 0 0 0 0 0\n" + "1" + "0" * 400 + " 0 0 0 1 0 0 0 0 0\n",
+        "//qx,qy,qz,qw,pos_x,pos_y,pos_z,time\nqx, nan,qz,qw,pos_x, [,po, ;",
+    ],
+)
+def test_rows_of_a_trajectory_that_are_none(tmp_path, text):
+    file = tmp_path / "path.csv"
+    file.write_text(text)
+    with pytest.raises(StrideTwinError) as error:
+        read_trajectory(file)
+    assert str(file) in str(error.value)
