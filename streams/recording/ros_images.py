@@ -19,6 +19,8 @@ RAW = "sensor_msgs/msg/Image"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 IMAGES = (COMPRESSED, RAW)
 """Message types of images."""
+_FIELDS = {COMPRESSED: ("format", "data"), RAW: ("encoding", "width", "height", "is_bigendian", "step", "data")}
+"""Fields of an image that are read, by the type of its message."""
 DEPTH_ENCODINGS = ("16UC1", "32FC1")
 """ROS's names of depth in mm of 16 bits, and of depth in m as float32."""
 _PNG_HEAD = 26
@@ -203,7 +205,7 @@ def detect_image_kind(payload: bytes, typename: str, store: Typestore) -> type[I
     Raises:
         ValueError: The bytes are not a message of this type.
     """
-    message = deserialise(store, payload, typename)
+    message = _deserialise_image(store, payload, typename)
     if typename == COMPRESSED:
         return Depth if "compressedDepth" in message.format or _is_16_bit(message) else Image
     # 16 bits of grey (mono16) are taken as depth in mm
@@ -226,7 +228,7 @@ def read_image_message(payload: bytes, typename: str, store: Typestore, topic: s
     Raises:
         ValueError: The encoding is not supported, or the data is damaged.
     """
-    message = deserialise(store, payload, typename)
+    message = _deserialise_image(store, payload, typename)
     if typename == COMPRESSED and "compressedDepth" in message.format:
         return Depth(topic=topic, t_ns=t_ns, depth=_decode_compressed_depth(message))
     if typename == COMPRESSED:
@@ -253,6 +255,19 @@ def read_image_message(payload: bytes, typename: str, store: Typestore, topic: s
     if message.encoding in _TO_RGB:
         pixels = np.asarray(cv2.cvtColor(np.asarray(pixels, np.uint8), _TO_RGB[message.encoding]))
     return Image(topic=topic, t_ns=t_ns, pixels=np.asarray(pixels, np.uint8))
+
+
+def _deserialise_image(store: Typestore, payload: bytes, typename: str) -> RosMessage:
+    """The message of an image.
+
+    Raises:
+        ValueError: The definition of its type, which a file brings along, lacks a field of an image.
+    """
+    message = deserialise(store, payload, typename)
+    lacking = [name for name in _FIELDS[typename] if not hasattr(message, name)]
+    if lacking:
+        raise ValueError(f"an image without {', '.join(lacking)}")
+    return message
 
 
 def _is_16_bit(message: RosMessage) -> bool:

@@ -16,6 +16,7 @@ from logger_files import DEG, FORCE, GYRO, N, T, opensense
 from mcap.writer import CompressionType, Writer
 from rigs import small_rig
 from robot_files import IMAGE_TYPE, IMU_TYPE, INFO_TYPE, STORE, grey_message, info_message, still_imu, write_bag
+from rosbags import rosbag2
 from scan_files import stray_scanner
 
 from benchmarks.foreign_files import Walk, write_rosbag1
@@ -30,6 +31,7 @@ from stridetwin.streams.recording.index import Problem
 from stridetwin.streams.recording.mcap_writer import MAGIC
 from stridetwin.streams.recording.reader import Recording
 
+MCAP = rosbag2.StoragePlugin.MCAP
 UNITS = "ax (m/s^2),ay (m/s^2),az (m/s^2),gx (rad/s),gy (rad/s),gz (rad/s)"
 
 
@@ -374,3 +376,11 @@ def test_rows_of_a_trajectory_that_are_none(tmp_path, text):
     with pytest.raises(StrideTwinError) as error:
         read_trajectory(file)
     assert str(file) in str(error.value)
+
+
+def test_a_definition_of_an_image_without_one_of_its_fields(tmp_path):
+    messages = [(1_600_000_000_000_000_000 + k * 10**8, grey_message(k)) for k in range(3)]
+    bag = write_bag(tmp_path / "bag", {"/camera": (IMAGE_TYPE, messages), "/imu": (IMU_TYPE, still_imu())}, MCAP)
+    (file,) = bag.glob("*.mcap")
+    file.write_bytes(file.read_bytes().replace(b"uint8 is_bigendian", b"uint8 is_bogendian"))
+    assert not any("\n" in text for text in read_texts(bag, lenient=True))
