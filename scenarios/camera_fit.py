@@ -343,6 +343,8 @@ def describe_turn(turn: Array, R_cam_imu: Array) -> str:
         cause = "T_cam_imu is inverted"
     elif off_deg > _NEAR_AXES_DEG:
         cause = "T_cam_imu is of another camera or mount"
+    elif np.array_equal(axes, np.eye(3)):
+        return f"probably T_cam_imu is not exact; its rotation that fits is {fitting.round(3).tolist()}, for --rig FILE"
     elif (angle := round(angle_deg(axes))) in (90, 180) and (np.diag(axes) == 1).any():
         cause = f"the camera is turned by {angle}° about its {'xyz'[int(np.argmax(np.diag(axes)))]} axis"
     else:

@@ -131,6 +131,13 @@ def test_a_wrong_mount_has_a_name(turn, cause):
     np.testing.assert_allclose(fitting, turn.as_matrix() @ INVERTIBLE, atol=0.05)
 
 
+def test_a_mount_that_is_off_by_little_has_its_rotation_in_the_message():
+    small = Rotation.from_euler("x", 7, degrees=True).as_matrix()
+    text = describe_turn(small, np.eye(3))
+    assert "probably T_cam_imu is not exact" in text
+    np.testing.assert_allclose(eval(text.partition("fits is ")[2].partition(", for")[0]), small, atol=1e-3)
+
+
 def axes_fault(walk, M=None, factor=1.0):
     """What the images say about rates that are multiplied by a matrix and a factor."""
     M = np.eye(3) if M is None else M
