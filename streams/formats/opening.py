@@ -732,9 +732,13 @@ def _check_overlap(contents: ImportedContents, notes: Notes) -> None:
         period = (info.last_ns - info.first_ns) / max(1, info.count - 1)  # mean time between its samples, ns
         slack = _SHORT * (longest.last_ns - longest.first_ns) + 2 * period
         if info.count > 1 and info.kind not in _EVENTS and max(late, early) > slack:
+            # of one clock, a sensor that starts late or stops early is shorter
+            last_equally_long = late + early <= slack
+            clocks = f"; as both last equally long, their clocks are probably {abs(late) * 1e-9:.3f} s apart"
             notes.warn(
                 f"{topic}: covers {info.first_ns * 1e-9:.3f} to {info.last_ns * 1e-9:.3f} s alone, "
                 f"{name} {longest.first_ns * 1e-9:.3f} to {longest.last_ns * 1e-9:.3f} s"
+                f"{clocks if last_equally_long else ''}"
             )
         if info.last_ns < longest.first_ns or info.first_ns > longest.last_ns:
             spans = [f"{i.first_ns * 1e-9:.3f} to {i.last_ns * 1e-9:.3f} s" for i in (info, longest)]

@@ -2,6 +2,7 @@
 
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks import foreign_files
 from benchmarks.foreign_files import FORMATS, HEIGHT, IMU_HZ, START, WIDTH, K, Walk, write_foreign_mcap
 from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.formats import opening
 from stridetwin.streams.formats.bag import assign_bag_topics
 from stridetwin.streams.formats.derived import join_gyro_and_accel
 from stridetwin.streams.formats.file_formats import FILE_FORMATS
@@ -644,3 +646,17 @@ def test_a_cut_off_mcap_of_anyone_is_read_up_to_its_last_chunk(sources, walk, tm
     assert 0.5 * share < len(block) / len(walk.t) <= 1
     np.testing.assert_array_equal(block.columns["angular_rate"], walk.gyro[: len(block)])
     assert len(recording.problems) == 1
+
+
+@pytest.mark.parametrize(("late_s", "seconds", "says_clocks"), [(2.5, 10, True), (2.5, 7, False)])
+def test_a_stream_that_lasts_as_long_and_begins_later_has_another_clock(late_s, seconds, says_clocks):
+    def topic(first_s, last_s, count):
+        first_ns, last_ns = (round(1e9 * second) for second in (first_s, last_s))
+        return SimpleNamespace(first_ns=first_ns, last_ns=last_ns, count=count, kind=Image)
+
+    topics = {"/imu": topic(0.0, 10.0, 1000), "/camera": topic(late_s, late_s + seconds, 300)}
+    notes = Notes(Path("folder"), lenient=True)
+    opening._check_overlap(SimpleNamespace(topics=topics), notes)
+    (warning,) = notes.warnings
+    assert "/camera: covers 2.500" in warning
+    assert ("clocks are probably 2.500 s apart" in warning) == says_clocks
