@@ -24,7 +24,7 @@ from stridetwin.scenarios.camera_clock import (
 from stridetwin.scenarios.camera_focal import FOCAL_OFF, FocalMultiple, estimate_focal, scale_focal
 from stridetwin.scenarios.camera_lever import LEVER_OFF_M, LeverArm, estimate_lever
 from stridetwin.scenarios.camera_motion import build_parts, prepare_parts
-from stridetwin.scenarios.image_rotation import PairTracks, estimate_rates, track_segment
+from stridetwin.scenarios.image_rotation import PairTracks, Rates, list_rates, track_segment
 from stridetwin.streams.recording.imported import IMPORTED_FROM
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import CameraCalibration
@@ -123,8 +123,8 @@ class CameraFit:
 
     def _describe_turn(self, clock: CameraClock) -> str:
         """The sentence about a rotation that differs from the calibrated one: of the mount, or of the rates alone."""
-        is_mount = self.up is None or not is_upright(self.camera, self.up)
-        if is_mount or self.up is None or is_upright(self.camera, clock.turn @ self.up):
+        up, camera = self.up, self.camera
+        if up is None or not is_upright(camera, up) or is_upright(camera, clock.turn @ up):
             return self._describe_mount(clock)
         return (
             f"its images turn as {clock.imu} measures only if the rates of that are turned by "
@@ -219,16 +219,17 @@ def fit_camera(
     images = recording.image_times(camera.topic)
     starts = _sort_segments(images + round(camera.timeshift_cam_imu_s * 1e9), gyro)[:most_segments]
     comparison = _Comparison(camera=camera, T_imu_cam=T_imu_cam, imu=imu, gyro=gyro)
-    segments = list[list[PairTracks]]()
+    segments, rates = list[list[PairTracks]](), list[Rates]()
     for start in range(0, len(starts), _BATCH):
-        segments += [
-            track_segment(recording, camera, first, _SEGMENT_IMAGES) for first in starts[start : start + _BATCH]
-        ]
-        clock, focal = comparison.find_clock_and_focal(segments, tries_other_lenses=start + _BATCH >= len(starts))
+        batch = [track_segment(recording, camera, first, _SEGMENT_IMAGES) for first in starts[start : start + _BATCH]]
+        segments += batch
+        rates += list_rates(camera, batch)
+        clock, focal = comparison.find_clock_and_focal(
+            segments, rates, tries_other_lenses=start + _BATCH >= len(starts)
+        )
         is_clear = clock is not None and abs(abs(clock.unexplained_s) - CLOCK_OFFSET_S) > clock.half_s
         if is_clear and focal is not None and focal.is_certain:
             break
-    rates = [r for r in (estimate_rates(camera, segment) for segment in segments) if r is not None]
     rate_fault = find_rate_fault(camera, gyro, rates, clock) if rates else ""
     lever = None
     if clock is not None and not rate_fault and not clock.mount_off_deg and focal is not None and not focal.is_off:
@@ -264,12 +265,13 @@ class _Comparison:
     gyro: GyroRates
 
     def find_clock_and_focal(
-        self, segments: Sequence[Sequence[PairTracks]], *, tries_other_lenses: bool
+        self, segments: Sequence[Sequence[PairTracks]], rates: Sequence[Rates], *, tries_other_lenses: bool
     ) -> tuple[CameraClock | None, FocalMultiple | None]:
         """Clock and focal length by the tracks of some segments.
 
         Args:
             segments: The tracks of each segment.
+            rates: Their rates with the calibrated lens.
             tries_other_lenses: Whether other focal lengths are tried where the calibrated one shows no clock.
 
         Returns:
@@ -277,12 +279,14 @@ class _Comparison:
         """
         size = _guess_image_size(self.camera)
         if size != 1.0:
-            clock, focal = self._find_with_lens(_resize(self.camera, size), segments)
+            resized = _resize(self.camera, size)
+            clock, focal = self._find_with_lens(resized, segments, list_rates(resized, segments))
             if focal is not None and abs(focal.ratio - 1) < _SAME_LENS:
                 return clock, focal.multiply(size)
-        clock, focal = self._find_with_lens(self.camera, segments)
+        clock, focal = self._find_with_lens(self.camera, segments, rates)
         for factor in _OTHER_LENSES if clock is None and tries_other_lenses else ():
-            clock, focal = self._find_with_lens(scale_focal(self.camera, factor), segments)
+            scaled = scale_focal(self.camera, factor)
+            clock, focal = self._find_with_lens(scaled, segments, list_rates(scaled, segments))
             if clock is not None:
                 return clock, None if focal is None else focal.multiply(factor)
         return clock, focal
@@ -295,13 +299,12 @@ class _Comparison:
         return estimate_lever(parts, self.T_imu_cam, depth_m, self.camera.readout_s)
 
     def _find_with_lens(
-        self, camera: CameraCalibration, segments: Sequence[Sequence[PairTracks]]
+        self, camera: CameraCalibration, segments: Sequence[Sequence[PairTracks]], rates: Sequence[Rates]
     ) -> tuple[CameraClock | None, FocalMultiple | None]:
         """Clock, and focal length in multiples of that of `camera`, which has another calibration of the lens.
 
         Both are None where the rotations of images and gyro do not agree.
         """
-        rates = [r for r in (estimate_rates(camera, segment) for segment in segments) if r is not None]
         clock = estimate_clock(camera, self.gyro, rates)
         if clock is None:
             return None, None

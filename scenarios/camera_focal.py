@@ -19,7 +19,7 @@ from stridetwin.scenarios.camera_clock import CameraClock, GyroRates, split_bloc
 from stridetwin.scenarios.camera_epipolar import find_epipolar_cost
 from stridetwin.scenarios.camera_lever import COARSE_FACTORS, estimate_focal_factor, find_minimum
 from stridetwin.scenarios.camera_motion import InertialPart, MotionPart, build_parts, prepare_parts
-from stridetwin.scenarios.image_rotation import PairTracks, Rates, estimate_rates
+from stridetwin.scenarios.image_rotation import PairTracks, Rates, list_rates
 from stridetwin.scenarios.intervals import student_quantile
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array, Block, Imu
@@ -134,7 +134,7 @@ def estimate_focal(
         return None
     if abs(ratio - 1) > FOCAL_OFF:  # the rotation about the line of sight, with the lens that fits
         scaled = scale_focal(camera, ratio)
-        rates = [r for r in (estimate_rates(scaled, segment) for segment in segments) if r is not None]
+        rates = list_rates(scaled, segments)
         slopes = _fit_slopes(gyro, rates, clock) if rates else None
     roll = None if slopes is None or slopes.about.half > _MOST_HALF_WIDTH else slopes.about
     return FocalMultiple(

@@ -7,7 +7,7 @@ With depth the rotation comes from perspective from n points, without it from th
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -113,6 +113,11 @@ def track_segment(recording: Recording, camera: CameraCalibration, first: int, c
     except StrideTwinError:  # a damaged image
         return []
     return pairs
+
+
+def list_rates(camera: CameraCalibration, segments: Iterable[Sequence[PairTracks]]) -> list[Rates]:
+    """Rates of segments of images with a given calibration (`estimate_rates`); without those that have none."""
+    return [rates for rates in (estimate_rates(camera, pairs) for pairs in segments) if rates is not None]
 
 
 def estimate_rates(camera: CameraCalibration, pairs: Sequence[PairTracks]) -> Rates | None:

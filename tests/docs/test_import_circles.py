@@ -19,7 +19,7 @@ def module_files():
     return {name.removesuffix(".__init__"): file for name, file in zip(names, files)}
 
 
-def imported_names(source):
+def list_imported_names(source):
     """Names that the statements outside of functions import, including those under TYPE_CHECKING."""
     for statement in find_imports(source, in_functions=False):
         if isinstance(statement, ast.Import):
@@ -33,7 +33,7 @@ def import_graph(sources):
     """Module to the modules that it imports; a package counts where its own names are imported."""
     graph = {}
     for name, source in sources.items():
-        imported = set(imported_names(source))
+        imported = set(list_imported_names(source))
         packages = {n.rpartition(".")[0] for n in imported if n in sources}
         graph[name] = {n for n in imported if n in sources and n != name} - (packages - {name})
     return graph
