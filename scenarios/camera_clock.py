@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from stridetwin.scenarios.clock_search import find_shifts
 from stridetwin.scenarios.image_rotation import Rates
-from stridetwin.scenarios.intervals import student_quantile
+from stridetwin.scenarios.intervals import exceeds_zero, student_quantile
 from stridetwin.streams.rig import Board, CameraCalibration, Rig
 from stridetwin.streams.samples import Array, Block, Imu
 from stridetwin.streams.time_series import accumulate, interpolate
@@ -317,7 +317,7 @@ def fits_better(squared: Array, rival: Array, block: NDArray[np.intp]) -> bool:
     ratio = float(np.sum(np.minimum(rival[both], most)) / max(float(np.sum(np.minimum(squared[both], most))), 1e-30))
     if len(by_block) < _MIN_BLOCKS:  # they hardly cover the same images
         return ratio > _BETTER
-    return ratio > _BETTER and bool(_are_significantly_worse(by_block[:, None])[0])
+    return ratio > _BETTER and bool(exceeds_zero(by_block))
 
 
 def _fit_window(
@@ -433,7 +433,7 @@ def _fit_shift(shifts: Array, measured: Array, visual: Array, block: NDArray[np.
     correlation = _correlation(measured[at], visual)
     # unique means that every shift far from the best one costs significantly more than that
     is_far = np.abs(shifts - shifts[at]) > _PEAK_S
-    if correlation < _MIN_CORRELATION or not _are_significantly_worse(by_block - by_block[:, [at]])[is_far].all():
+    if correlation < _MIN_CORRELATION or not exceeds_zero(by_block - by_block[:, [at]])[is_far].all():
         return None
     # jackknife: (B,) best shift without each of the blocks
     minima = np.array([_parabola_minimum(shifts, total - block_cost) for block_cost in by_block])
@@ -467,20 +467,6 @@ def _robust_residuals(measured: Array, visual: Array) -> tuple[Array, int, float
     variance = np.median(residual[at] ** 2, axis=0) / _MEDIAN_OF_SQUARED_NORMAL + 1e-12
     weighted = np.sum(residual**2 / variance, axis=2)
     return np.minimum(weighted, _OUTLIER * np.median(weighted[at])), at, float(means[at])
-
-
-def _are_significantly_worse(additional: Array) -> NDArray[np.bool_]:
-    """Whether each shift costs significantly more than the best one, by Student's test of the mean over the blocks.
-
-    Args:
-        additional: (B, S) cost of each of B blocks at each of S shifts, minus that at the best shift.
-
-    Returns:
-        (S,) booleans.
-    """
-    # (S,) standard error of the mean
-    error = additional.std(axis=0, ddof=1) / math.sqrt(len(additional))
-    return np.asarray(additional.mean(axis=0) > student_quantile(len(additional) - 1) * error)
 
 
 def _parabola_minimum(shifts: Array, cost: Array) -> float:
