@@ -103,7 +103,7 @@ def read_stray_scanner(path: Path, notes: Notes, per_metre: float = PER_METRE) -
         _, changing = read_numbers(file, rows, _find_columns(file, header, _INTRINSICS), parse_seconds, notes)
         changing = changing[(changing[:, :2] > 0).all(axis=1)]  # without those of images that have none
         matrix = _choose_intrinsics(file.name, changing, notes) if len(changing) else matrix
-    rig = _to_stray_rig(images, matrix, IMU in blocks)
+    rig = _to_stray_rig(path / MATRIX, images, matrix, IMU in blocks)
     return Source(kind="strayscanner", blocks=blocks, images=images, rig=rig)
 
 
@@ -156,17 +156,25 @@ def _read_imu(file: Path, notes: Notes) -> Block[Imu] | None:
     return Block(topic=IMU, kind=Imu, t_ns=t_ns, columns={"angular_rate": table[:, 3:], "specific_force": force})
 
 
-def _to_stray_rig(images: dict[str, ImageStream], matrix: tuple[float, float, float, float], imu: bool) -> Rig:
+def _to_stray_rig(
+    file: Path, images: dict[str, ImageStream], matrix: tuple[float, float, float, float], imu: bool
+) -> Rig:
     """The calibrations of a StrayScanner folder's cameras.
 
     Args:
+        file: File of the camera matrix.
         images: Colour and depth, as far as they exist.
         matrix: (fu, fv, pu, pv) in pixels of the video.
         imu: Whether there is an IMU, which is at the camera in the axes of the device.
+
+    Raises:
+        ConfigError: There is no video, and the centre does not give the size of its images.
     """
     pu, pv = matrix[2:]
     # without the video, the centre of the image is all that gives its size
     size = (read_first_image_size(images[COLOR]) if COLOR in images else None) or (round(2 * pu), round(2 * pv))
+    if min(size) < 1:
+        raise ConfigError(file, "centre in pixels", [pu, pv], f"two positive numbers, or the video {VIDEO}")
     return _to_rig(images, matrix, size, imu)
 
 

@@ -13,7 +13,7 @@ from stridetwin.scenarios.camera_fit import describe_turn
 from stridetwin.scenarios.camera_focal import estimate_focal
 from stridetwin.scenarios.camera_lever import estimate_lever
 from stridetwin.scenarios.camera_motion import build_parts, prepare_parts
-from stridetwin.scenarios.image_rotation import estimate_rates
+from stridetwin.scenarios.image_rotation import Rates, estimate_rates
 
 
 class Fitted:
@@ -164,6 +164,25 @@ def test_images_show_the_unit_and_the_handedness_of_rates(M, factor, words):
     fault = axes_fault(CameraWalk(seed=6), M, factor)
     assert words in fault
     assert bool(fault) == bool(words)
+
+
+@pytest.mark.parametrize(("M", "is_mirrored"), [(np.eye(3), False), (np.diag([1.0, 1.0, -1.0]), True)])
+@pytest.mark.parametrize("seed", range(2))
+def test_wild_images_do_not_hide_mirrored_rates_of_a_head_that_turns_about_two_axes(M, is_mirrored, seed):
+    rng = np.random.default_rng(seed)
+    t = np.arange(0, 13, 0.01)
+    rate = np.column_stack([a * np.sin(w * t + p) for a, w, p in ((0.9, 2.0, 0.3), (0.5, 5.0, 1.2), (0.1, 9.0, 2.0))])
+    gyro = GyroRates(t_ns=np.round(t * 1e9).astype(np.int64), rate=rate @ M.T, R_cam_imu=np.eye(3))
+    starts = np.arange(0.5, 12, 1 / 30)
+    spans = np.round(np.column_stack((starts, starts + 1 / 30)) * 1e9).astype(np.int64)
+    true = GyroRates(t_ns=gyro.t_ns, rate=rate, R_cam_imu=np.eye(3)).mean_between(spans, np.zeros(1))[0]
+    noise = rng.choice([0.02, 0.4], p=[0.6, 0.4], size=(len(true), 1))
+    visual = true + noise * rng.standard_normal(true.shape)
+    unknown = np.full(visual.shape, np.nan)
+    rates = [Rates(t_ns=spans, rate=visual, shift=unknown, depth=unknown[:, 0])]
+    camera = CameraWalk(seed=1).camera()
+    fault = find_rate_fault(camera, gyro, rates, estimate_clock(camera, gyro, rates))
+    assert ("mirrored" in fault) == is_mirrored
 
 
 @pytest.mark.parametrize(

@@ -269,6 +269,13 @@ def test_a_scan_of_depth_images_alone_is_checked(tmp_path):
     assert any("depth images alone do not show how it turns" in finding.what for finding in check.findings)
 
 
+def test_a_scan_without_video_whose_centre_is_the_corner(tmp_path):
+    scan = stray_scanner(tmp_path, video=False)
+    (scan / "camera_matrix.csv").write_text("300.0, 0.0, 0.2\n0.0, 300.0, 40.0\n0.0, 0.0, 1.0\n")
+    (text,) = read_texts(scan, lenient=True)
+    assert "camera_matrix.csv: centre in pixels: invalid [0.2, 40.0]: expected two positive numbers" in text
+
+
 def read_texts(source, lenient=False):
     """What a user reads about a source: its error, or its warnings and problems."""
     try:
