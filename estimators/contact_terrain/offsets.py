@@ -35,6 +35,10 @@ _PARALLEL_SD_RAD = math.radians(0.2)
 _SEGMENT_LENGTH_SD_M = 0.003
 _LEVEL_SD_RAD = math.radians(0.2)  # standard deviation of the slope of level ground; hand-chosen
 _LEVEL_SPREAD_RAD = math.radians(30.0)  # range over which the slopes of other ground are spread (buildings)
+_UPRIGHT_SHARE = 0.7  # of footprints on ground that does not tilt sideways; hand-chosen on tuning walks
+_TILT_SPREAD_RAD = math.radians(20.0)  # range over which the tilts of other ground are spread (paths, car parks)
+_VALUES = 6  # values of a step: vector x, y, z, slopes of this foot and the previous one, tilt of the ground sideways
+_TILT = 5  # place of the tilt among them
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -46,13 +50,21 @@ class StepFigures:
         J_vector: (3, OFFSETS) derivative of `vector`.
         slopes: (2,) rad, of this foot and the previous one in their directions.
         J_slopes: (2, OFFSETS) derivative of `slopes`.
-        sd: (5,) standard deviations of vector and slopes beyond what the offsets cause.
+        tilt: Weighted mean of the rolls of both soles, rad, the left side up positive.
+        J_tilt: (OFFSETS,) derivative of `tilt`.
+        left: (2,) horizontal unit vector to the left of the mean direction of both feet, world.
+        turned: (2,) sine of the angle by which this foot, and the previous one, points to the left of that direction.
+        sd: (6,) standard deviations of vector, slopes and tilt beyond what the offsets cause.
     """
 
     vector: Array
     J_vector: Array
     slopes: Array
     J_slopes: Array
+    tilt: float
+    J_tilt: Array
+    left: Array
+    turned: Array
     sd: Array
 
 
@@ -61,9 +73,9 @@ class Posterior:
     """The estimate after a step.
 
     Attributes:
-        values: (5,) corrected step: vector x, y, z from the previous sole, m, world axes; slope under this and the
-            previous foot, rad.
-        covariance: (5, 5) covariance of `values`.
+        values: (6,) corrected step: vector x, y, z from the previous sole, m, world axes; slope under this and the
+            previous foot, rad; tilt of the ground sideways, rad.
+        covariance: (6, 6) covariance of `values`.
         offsets: (OFFSETS,) rad and m, the offsets (`leg`).
         P: (OFFSETS, OFFSETS) covariance of the offsets.
     """
@@ -95,35 +107,40 @@ class Offsets:
         walk = np.zeros(OFFSETS)
         walk[BACK:KNEE] = _ROTATION_WALK_RAD**2
         self._walk = np.diag(walk)  # covariance of the offsets' change from step to step: only the rotations change
-        # The state of `posterior` and its covariance: the offsets and, after them, five errors of a step. The errors
-        # are 0 here, as each step has new ones. Their variances, and the columns of the offsets in H, are those of the
-        # step, and 0 here.
-        self._z, self._P = np.zeros(OFFSETS + 5), np.zeros((OFFSETS + 5, OFFSETS + 5))
-        self._H = np.eye(5, OFFSETS + 5, OFFSETS)  # zeros, then a 5 x 5 identity in the columns of the errors
+        # The state of `posterior` and its covariance: the offsets and, after them, the errors of a step's values. The
+        # errors are 0 here, as each step has new ones. Their variances, and the columns of the offsets in H, are those
+        # of the step, and 0 here.
+        size = OFFSETS + _VALUES
+        self._z, self._P = np.zeros(size), np.zeros((size, size))
+        self._H = np.eye(_VALUES, size, OFFSETS)  # zeros, then an identity in the columns of the errors
         self._P[:OFFSETS, :OFFSETS] = np.diag(sd**2) + self._walk
 
     def posterior(self, step: StepFigures, *, start: bool = False) -> Posterior:
         """Combines a step with the offsets; the stored offsets do not change.
 
-        The state z holds the n offsets and, after them, the five errors of the step's vector and slopes. H, (5, n + 5),
-        maps it to the corrections of vector and slopes. Three hypotheses correct it one after the other, each with its
-        probability: level ground under this foot; at the start also under the other; both footprints in one plane. Each
-        says that the measured value plus its correction is 0, so the value with its sign changed is the measurement.
+        The state z holds the n offsets and, after them, the six errors of the step's values. H, (6, n + 6), maps it to
+        the corrections of the values. Hypotheses correct it one after the other, each with its probability: level
+        ground under this foot; at the start also under the other; ground that does not tilt sideways; both footprints
+        in one plane. Each says that the measured value plus its correction is 0, so the value with its sign changed is
+        the measurement.
 
         Args:
             step: The step as measured.
             start: Whether it is the pair of feet at the start rather than a step.
         """
         n, z, P, H = OFFSETS, self._z, self._P.copy(), self._H.copy()
-        H[:3, :n], H[3:, :n] = step.J_vector, step.J_slopes
+        H[:3, :n], H[3:_TILT, :n], H[_TILT, :n] = step.J_vector, step.J_slopes, step.J_tilt
         np.fill_diagonal(P[n:, n:], step.sd**2)
-        measured = np.concatenate([step.vector, step.slopes])
+        measured = np.array([*step.vector, *step.slopes, step.tilt])
         for row in (3, 4) if start else (3,):  # rows of the slopes of this foot and the previous one
-            at = slice(row, row + 1)  # as a slice, for arrays of length 1
-            z, P, _ = _update(z, P, H[at], -measured[at], self._level_noise, _LEVEL_SHARE, _LEVEL_SPREAD_RAD)
-        A = _plane_residual_jacobian(measured)  # (2, 5), so A H is the derivative of the residual by the state
+            level = np.zeros((1, _VALUES))  # a foot that points aside rises along its axis where the ground tilts
+            level[0, row], level[0, _TILT] = 1.0, -step.turned[row - 3]
+            z, P, _ = _update(z, P, level @ H, -level @ measured, self._level_noise, _LEVEL_SHARE, _LEVEL_SPREAD_RAD)
+        at = slice(_TILT, _TILT + 1)
+        z, P, _ = _update(z, P, H[at], -measured[at], self._level_noise, _UPRIGHT_SHARE, _TILT_SPREAD_RAD)
+        A = _plane_residual_jacobian(measured, step)  # (2, 6), so A H is the residual's derivative by the state
         z, P, _ = _update(
-            z, P, A @ H, -_plane_residual(measured), self._plane_noise, _ONE_PLANE_SHARE, _PLANE_SPREAD_M_RAD
+            z, P, A @ H, -_plane_residual(measured, step), self._plane_noise, _ONE_PLANE_SHARE, _PLANE_SPREAD_M_RAD
         )
         return Posterior(values=measured + H @ z, covariance=H @ P @ H.T, offsets=z[:n], P=P[:n, :n])
 
@@ -133,31 +150,32 @@ class Offsets:
         self._P[:OFFSETS, :OFFSETS] = posterior.P + self._walk
 
 
-def _plane_residual(m: Array) -> Array:
+def _plane_residual(m: Array, step: StepFigures) -> Array:
     """(2,) height of a footprint above the plane of the previous one, m, and the difference of their slopes, rad.
 
-    docs/contact_terrain.md (8). In one plane both are 0.
+    docs/contact_terrain.md (8). In one plane both are 0; the slopes of feet that point aside differ by its tilt.
 
     Args:
-        m: (5,) a step: vector x, y, z from the previous footprint, m, and slope under this and the previous foot, rad.
+        m: (6,) values of a step, as in `Posterior`.
+        step: The step as measured, of which the directions count.
     """
-    distance = math.hypot(m[0], m[1])
-    return np.array([m[2] - distance * math.tan(0.5 * (m[3] + m[4])), m[3] - m[4]])
+    distance, aside = math.hypot(m[0], m[1]), float(step.left @ m[:2])
+    rise = distance * math.tan(0.5 * (m[3] + m[4])) + aside * math.tan(m[_TILT])
+    return np.array([m[2] - rise, m[3] - m[4] - (step.turned[0] - step.turned[1]) * m[_TILT]])
 
 
-def _plane_residual_jacobian(m: Array) -> Array:
-    """(2, 5) derivative of the height above the plane, and of the difference in slope, by the five values of a step.
+def _plane_residual_jacobian(m: Array, step: StepFigures) -> Array:
+    """(2, 6) derivative of the height above the plane, and of the difference in slope, by the values of a step.
 
-    Both are those of `_plane_residual`.
-
-    Args:
-        m: (5,) a step: vector x, y, z from the previous footprint, m, and slope under this and the previous foot, rad.
+    Both are those of `_plane_residual`, which has the arguments.
     """
-    distance, mean_slope = math.hypot(m[0], m[1]), 0.5 * (m[3] + m[4])
+    distance, mean_slope, tilt = math.hypot(m[0], m[1]), 0.5 * (m[3] + m[4]), m[_TILT]
     # derivatives of the height by x, y and either slope; the limit is for footprints at one place
-    by_x, by_y = -math.tan(mean_slope) / max(distance, 1e-6) * m[:2]
+    by_x, by_y = -math.tan(mean_slope) / max(distance, 1e-6) * m[:2] - math.tan(tilt) * step.left
     by_slope = -0.5 * distance / math.cos(mean_slope) ** 2
-    return np.array([[by_x, by_y, 1.0, by_slope, by_slope], [0.0, 0.0, 0.0, 1.0, -1.0]])
+    by_tilt = -float(step.left @ m[:2]) / math.cos(tilt) ** 2
+    turned = step.turned[0] - step.turned[1]
+    return np.array([[by_x, by_y, 1.0, by_slope, by_slope, by_tilt], [0.0, 0.0, 0.0, 1.0, -1.0, -turned]])
 
 
 @entry_kernel(_HERE)

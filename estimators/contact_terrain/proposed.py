@@ -275,11 +275,14 @@ class Proposed:
 
         The mean vector between the contact points is turned into one between the origins of the soles: the arm from
         sole to contact is subtracted for the new foot and added for the old one. The slope of a foot is the pitch of
-        its mean flat attitude, toes up positive; of a foot that was not flat, the level stands in.
+        its mean flat attitude, toes up positive, and the ground's tilt sideways the weighted mean of both rolls; of a foot
+        that was not flat, the level stands in.
         """
         new, old = self._newest, 1 - self._newest
         vector, J = self._support.mean()
         slopes, J_slopes = np.zeros(2), np.zeros((2, OFFSETS))
+        forwards, lefts = np.zeros((2, 3)), np.zeros((2, 3))  # axes of both soles in the world
+        J_rolls = np.zeros((2, OFFSETS))
         # for each foot: its index, the sign of its arm, and whether its contact is the heel's edge
         feet = ((new, -1.0, self._contacts[new].on_heel), (old, 1.0, False))
         for k, (side, sign, on_heel) in enumerate(feet):
@@ -293,6 +296,8 @@ class Proposed:
             forward = R_world_sole[:, 0].copy()  # forward axis of the sole in the world; its z is the sine of the slope
             slopes[k] = math.asin(max(-1.0, min(1.0, forward[2])))
             J_slopes[k, columns] = rotation_jacobian(forward, R_world_foot)[2] / math.cos(slopes[k])
+            forwards[k], lefts[k] = forward, R_world_sole[:, 1]
+            J_rolls[k, columns] = rotation_jacobian(lefts[k], R_world_foot)[2]
         strained = np.array([self._contacts[new].strained, self._contacts[old].strained])
         compliance = self._compliance
         # (2,) rad, of either foot: pitch in its holder, also by the slope, and more with the ankle at its stop
@@ -310,8 +315,23 @@ class Proposed:
         place_sd = np.hypot(
             place_sd, compliance.spread_gain * np.maximum(self._support.spread() - compliance.steady_m, 0.0)
         )
-        sd = np.concatenate([place_sd, slope_sd])
-        return StepFigures(vector=vector, J_vector=J, slopes=slopes, J_slopes=J_slopes, sd=sd)
+        # a sole rolls in its holder as it pitches, so that the mean of both rolls has the weights of the slopes
+        weights = 1.0 / slope_sd**2
+        tilt_sd = 1.0 / math.sqrt(weights.sum())
+        weights *= tilt_sd**2
+        left = lefts[:, :2].sum(axis=0)
+        left /= max(math.hypot(left[0], left[1]), 1e-9)
+        return StepFigures(
+            vector=vector,
+            J_vector=J,
+            slopes=slopes,
+            J_slopes=J_slopes,
+            tilt=float(weights @ np.arcsin(np.clip(lefts[:, 2], -1.0, 1.0))),
+            J_tilt=weights @ J_rolls,
+            left=left,
+            turned=forwards[:, :2] @ left,
+            sd=np.array([*place_sd, *slope_sd, tilt_sd]),
+        )
 
     def _estimate(self, t_ns: int) -> StepEstimate:
         """The estimate of the current step at time `t_ns`.
@@ -321,12 +341,12 @@ class Proposed:
         fall = self._contacts[self._newest]
         self._posterior = posterior = self._offsets.posterior(self._measure_step(), start=fall.step == 0)
         # vector from the previous sole, m, and slope under this and the previous foot, rad
-        x, y, height, slope, slope_before = posterior.values
+        x, y, height, slope, slope_before = posterior.values[:5]
         covariance = posterior.covariance.copy()
         # on a slope the holders yield differently than on the level
         on_ramp = ramp_probability(slope, math.sqrt(covariance[3, 3]), self._parameters.ramp_rad)
         covariance[2, 2] += (self._compliance.sloping_sd_m * on_ramp) ** 2
-        sd = np.sqrt(np.diag(covariance))  # (5,) of the same five values
+        sd = np.sqrt(np.diag(covariance))  # of the same values
         beyond = height_beyond_slopes(height, math.hypot(x, y), slope, slope_before)  # m, that no slope explains
         mode, probability = most_likely(
             mode_probabilities(slope, sd[3], beyond, sd[2], self._parameters), self._parameters.probability_min

@@ -18,7 +18,13 @@ from stridetwin.estimators.contact_terrain.estimate import (
 from stridetwin.estimators.contact_terrain.footfall import CellLoads
 from stridetwin.estimators.contact_terrain.geometry import Compliance, DhRow, parse_exoskeleton, to_text
 from stridetwin.estimators.contact_terrain.leg import OFFSETS
-from stridetwin.estimators.contact_terrain.offsets import Offsets, StepFigures, _update
+from stridetwin.estimators.contact_terrain.offsets import (
+    Offsets,
+    StepFigures,
+    _plane_residual,
+    _plane_residual_jacobian,
+    _update,
+)
 from stridetwin.estimators.contact_terrain.parameters import ContactTerrainParameters
 from stridetwin.outputs.steps.scores import score_steps
 from stridetwin.streams.errors import ConfigError
@@ -294,15 +300,19 @@ def test_an_update_that_may_not_hold_has_the_moments_of_the_mixture():
 
 def test_what_is_believed_of_the_offsets_stays_sound_over_an_hour_of_walking():
     rng = np.random.default_rng(0)
-    J_vector, J_slopes = rng.normal(0.0, 0.5, (2, 3, OFFSETS)), rng.normal(0.0, 1.0, (2, 2, OFFSETS))
-    offsets, sd = Offsets(PARAMETERS, Compliance().sag_sd_m), np.array([0.006, 0.006, 0.002, 0.006, 0.006])
+    J_vector, J_slopes = rng.normal(0.0, 0.5, (2, 3, OFFSETS)), rng.normal(0.0, 1.0, (2, 3, OFFSETS))
+    offsets, sd = Offsets(PARAMETERS, Compliance().sag_sd_m), np.array([0.006, 0.006, 0.002, 0.006, 0.006, 0.004])
     for k in range(7000):
         noise = rng.normal(0.0, 0.3 * sd)
         step = StepFigures(
             vector=np.array([0.6, 0.0, 0.0]) + noise[:3],
             J_vector=J_vector[k % 2],
-            slopes=noise[3:],
-            J_slopes=J_slopes[k % 2],
+            slopes=noise[3:5],
+            J_slopes=J_slopes[k % 2, :2],
+            tilt=float(noise[5]),
+            J_tilt=J_slopes[k % 2, 2],
+            left=np.array([0.0, 1.0]),
+            turned=np.array([0.1, -0.1]),
             sd=sd,
         )
         posterior = offsets.posterior(step)
@@ -310,6 +320,47 @@ def test_what_is_believed_of_the_offsets_stays_sound_over_an_hour_of_walking():
     assert np.abs(posterior.P - posterior.P.T).max() <= 1e-12 * np.abs(posterior.P).max()
     assert np.linalg.eigvalsh(posterior.P).min() > 0.0
     assert np.isfinite(posterior.values).all()
+
+
+def tilted_step(gradient, heading, turned, foot):
+    """A step of (0.6, ±0.12) m in its heading on a plane, as feet that point aside measure it without errors."""
+    ahead = np.array([np.cos(heading), np.sin(heading)])
+    left = np.array([-ahead[1], ahead[0]])
+    toes = foot * np.array([turned, -turned])  # the left foot's to the left
+    directions = np.cos(toes)[:, None] * ahead + np.sin(toes)[:, None] * left
+    place = 0.6 * ahead + foot * 0.12 * left
+    return StepFigures(
+        vector=np.array([*place, gradient @ place]),
+        J_vector=np.zeros((3, OFFSETS)),
+        slopes=np.arctan(directions @ gradient),
+        J_slopes=np.zeros((2, OFFSETS)),
+        tilt=float(np.arctan(gradient @ left)),
+        J_tilt=np.zeros(OFFSETS),
+        left=left,
+        turned=np.sin(toes),
+        sd=np.array([0.006, 0.006, 0.002, 0.006, 0.006, 0.004]),
+    )
+
+
+@pytest.mark.parametrize("foot", [1, -1])
+@pytest.mark.parametrize("gradient", [(0.0, 0.0), (0.0, 0.087), (0.0, -0.05), (0.1, 0.0), (0.08, 0.06)])
+def test_a_step_on_a_tilted_plane_stays_as_measured(gradient, foot):
+    step = tilted_step(np.array(gradient), 0.0, 0.12, foot)
+    residual = _plane_residual(np.array([*step.vector, *step.slopes, step.tilt]), step)
+    assert (np.abs(residual) < [0.0015, 0.0005]).all(), residual  # of second order in the angles
+    values = Offsets(PARAMETERS, Compliance().sag_sd_m).posterior(step).values
+    np.testing.assert_allclose(values[:3], step.vector, atol=0.0015)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_plane_has_the_derivative_of_its_residual(seed):
+    rng = np.random.default_rng(seed)
+    step = tilted_step(rng.normal(0, 0.1, 2), rng.uniform(-3, 3), 0.1, 1)
+    m = np.array([*step.vector, *step.slopes, step.tilt])
+    numeric = np.column_stack(
+        [(_plane_residual(m + h, step) - _plane_residual(m - h, step)) / 2e-6 for h in 1e-6 * np.eye(6)]
+    )
+    np.testing.assert_allclose(_plane_residual_jacobian(m, step), numeric, atol=1e-7)
 
 
 def test_pinned_numbers(ours, num_regression):
