@@ -275,8 +275,8 @@ class Proposed:
 
         The mean vector between the contact points is turned into one between the origins of the soles: the arm from
         sole to contact is subtracted for the new foot and added for the old one. The slope of a foot is the pitch of
-        its mean flat attitude, toes up positive, and the ground's tilt sideways the weighted mean of both rolls; of a foot
-        that was not flat, the level stands in.
+        its mean flat attitude, toes up positive. The ground's tilt sideways is the weighted mean of both rolls. Of a
+        foot that was not flat, the level stands in.
         """
         new, old = self._newest, 1 - self._newest
         vector, J = self._support.mean()
