@@ -330,7 +330,7 @@ class FootholdEstimator:
             return self._habits.joint(density / density.sum(), self._shares)
         return self._stance.along(line, self.s)
 
-    def after_passing(self, stance: Array, height: Array | None, top: float) -> Array:
+    def after_passing(self, stance: Array, height: Array | None, top: float, drift_m: float = 0.0) -> Array:
         """Corrects the density of the stance foot once the body has passed over it.
 
         The body's greatest height is a leg's length over the foot, which tells treads apart: docs/locomotion_mode.md
@@ -340,8 +340,9 @@ class FootholdEstimator:
             stance: (..., S) density before.
             height: (S,) m, height of the ground along the path; None: unknown.
             top: Greatest height of the body over the foot, m.
+            drift_m: Standard deviation of the drift of the poses' height within a step, m.
         """
-        sd = math.hypot(_TOP_SD_M, self._tall.sd())
+        sd = math.hypot(_TOP_SD_M, self._tall.sd(), drift_m)
         if height is None or sd > _MAX_HEIGHT_SD_M:
             return stance
         # (S,) difference of the body's height over the ground there from its usual one, in standard deviations
@@ -395,6 +396,7 @@ class FootholdEstimator:
         top: float,
         floor: float,
         went_m: float | None,
+        drift_m: float = 0.0,
     ) -> None:
         """Estimates where a foot has landed, and updates the step statistics.
 
@@ -411,8 +413,9 @@ class FootholdEstimator:
             top: Greatest height of the body since the previous touch-down, m.
             floor: Observed height of the ground under the foot behind, m; NaN if unobserved.
             went_m: Distance the body moved since the previous touch-down; None: unknown.
+            drift_m: Standard deviation of the drift of the poses' height within a step, m.
         """
-        stance = self.after_passing(self.stance_density(line), height, top)
+        stance = self.after_passing(self.stance_density(line), height, top, drift_m)
         last_forward = None if self._stance is None else self._stance.line.forward  # (2,) direction of the last step
         behind = position(stance)  # (S,) density of the foot behind
         before, _ = moments(behind, self.s)  # its mean position, m along the path
@@ -442,7 +445,9 @@ class FootholdEstimator:
         self._landed = None
         if landing.measurable:
             self._learn(landing.feet[-1], self._stance, behind, chains, ground, straight, went_m)
-            if self._alike > 1 and math.isfinite(floor):  # on even ground the body's top shows the leg's length
+            if (
+                self._alike > 1 and math.isfinite(floor) and drift_m < _TOP_SD_M
+            ):  # on even ground the body's top shows the leg's length
                 self._tall.update(0.0, top - floor)
 
     def _weigh_habits(self, stance: Array, chains: Sequence[Chain], straight: float) -> Array:

@@ -133,7 +133,9 @@ def segments_along(
     slope = mapped.copy()
     # whether two such segments are neighbours and meet in a slope break
     breaks = np.array([j == i + 1 and bounds[j].drop == 0.0 for i, j in pairwise(known)], bool)
-    slope[known], sd[known] = remove_lean(mapped[known], sd[known], breaks, p.mode.lean_sd_rad)
+    slope[known], sd[known] = remove_lean(
+        mapped[known], sd[known], breaks, math.hypot(p.mode.lean_sd_rad, p.drift_slope_rad)
+    )
     return [
         Segment(
             start=one.s,
@@ -333,7 +335,8 @@ def _read_slope(
     plane = planes[int(np.bincount(known).argmax())]  # the most frequent id
     on = inside & (profile.plane == plane.id)
     seen = profile.s[on]
-    bent = _MAP_SD_M / max(float(seen[-1] - seen[0]), MIN_FOOTHOLD_M)  # slope by drift of the poses, rad
+    # slope by drift of the poses, rad
+    bent = math.hypot(_MAP_SD_M, p.drift_m) / max(float(seen[-1] - seen[0]), MIN_FOOTHOLD_M)
     slope, sd = math.atan(float(plane.gradient @ forward)), plane.slope_sd
     if profile.slope is not None and profile.slope_sd is not None:
         slope, sd = float(np.median(profile.slope[on])), float(np.median(profile.slope_sd[on]))
@@ -495,7 +498,12 @@ def _probability_beyond(s: Array, start: Array, sd: Array) -> Array:
     return np.asarray(0.5 * (1.0 + np.tanh((s - start[:, None]) / (1.2 * np.maximum(sd, _MIN_EDGE_SD_M))[:, None])))
 
 
-def unseen_probability(profile: Profile, s: Array, here: float, p: Settings) -> Array:
+def is_under_foot(profile: Profile, here: float) -> bool:
+    """Whether the map shows ground within a sole's length of a place `here`, m along the path."""
+    return bool((np.abs(profile.s[profile.plane >= 0] - here) < MIN_FOOTHOLD_M).any())
+
+
+def unseen_probability(profile: Profile, s: Array, here: float, p: Settings, *, is_lost: bool = False) -> Array:
     """(S,) probability that the ground at a position is of another mode than assumed, because it is not observed.
 
     Changes are random, one per `change_m` on average. Between two observed positions two changes would be needed; from
@@ -506,6 +514,8 @@ def unseen_probability(profile: Profile, s: Array, here: float, p: Settings) -> 
         s: (S,) m along the path.
         here: Position of the stance foot, m: there is ground.
         p: Rate of changes.
+        is_lost: Whether the map began anew during the walk and does not show the ground under that foot yet: that may
+            be a stair, whose treads are the shorter way to a change.
     """
     seen = profile.s[profile.plane >= 0]
     bounds = np.concatenate([[-np.inf], seen, [np.inf]])  # m along the path, observed
@@ -513,6 +523,8 @@ def unseen_probability(profile: Profile, s: Array, here: float, p: Settings) -> 
     back, ahead = s - bounds[i], bounds[i + 1] - s  # distance to the nearest observed position on either side, m
     # probability of a change on either side; -expm1(-x) = 1 - exp(-x) is that of a change within a length
     between = np.expm1(-back / p.mode.change_m) * np.expm1(-ahead / p.mode.change_m)
+    if is_lost:
+        return np.asarray(np.expm1(-back / p.map.max_tread_m) * np.expm1(-ahead / p.map.max_tread_m))
     return np.asarray(np.minimum(between, -np.expm1(-np.abs(s - here) / p.mode.change_m)))
 
 
