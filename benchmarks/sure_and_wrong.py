@@ -28,6 +28,8 @@ from stridetwin.sim.config import Gait, Level, Ramp, Segment, Stairs, Turn, Twin
 from stridetwin.sim.parts.kinds import RgbdPart
 from stridetwin.sim.parts.library import load_part
 from stridetwin.sim.twin import Twin
+from stridetwin.sim.world.route import lay_out
+from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Depth, Image, Sample
 from stridetwin.studies.terrain_zoo.kinds import Rng, draw_base_walk
@@ -40,6 +42,8 @@ SURE = 0.9
 """A prediction of a higher probability is a sure one."""
 _NARROW = {"width": 640.0, "height": 483.0, "focal": 614.7}
 """Pixels of an image of 55 x 43 degrees."""
+_TRIES = 50
+"""Ways that are drawn at most: with turns, some lead over their own stairs."""
 _NARROW_RANGE_M, _NARROW_NOISE = 4.0, 2.0
 """Range of the narrow camera, and its noise over that of the standard one."""
 
@@ -78,9 +82,8 @@ def draw_search_walk(family: str, seed: int) -> SearchWalk:
     if "narrow" in special:
         camera = replace(config.fittings["head_camera"], part=narrow_camera())
         config = replace(config, fittings={**config.fittings, "head_camera": camera})
-    segments = _draw_way(rng, turns="turn" in special)
     config = replace(config, name=f"{family}_{seed}", physics="kinematic")
-    config = replace(config, route=replace(config.route, segments=segments))
+    config = _with_way(config, rng, turns="turn" in special)
     needs_dvio = bool(special & {"dark", "blind"})
     dark_s = (0.0, 0.0)
     if needs_dvio:
@@ -96,6 +99,24 @@ def narrow_camera() -> RgbdPart:
     assert isinstance(part, RgbdPart)
     depth = replace(part.depth, noise=_NARROW_NOISE * part.depth.noise, range_max=_NARROW_RANGE_M)
     return replace(part, imager=replace(part.imager, **_NARROW), depth=depth)
+
+
+def _with_way(config: TwinConfig, rng: Rng, *, turns: bool) -> TwinConfig:
+    """The walk on the first drawn way that does not cross itself.
+
+    Raises:
+        ConfigError: None of `_TRIES` ways does.
+    """
+    for attempt in range(_TRIES):
+        route = replace(config.route, segments=_draw_way(rng, turns=turns))
+        try:
+            lay_out(route)
+        except ConfigError:
+            if attempt == _TRIES - 1:
+                raise
+        else:
+            break
+    return replace(config, route=route)
 
 
 def _draw_way(rng: Rng, *, turns: bool) -> tuple[Segment, ...]:
