@@ -43,7 +43,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Odometry, Sample
+from stridetwin.streams.samples import Array, Odometry, Sample
 from stridetwin.streams.trajectory import Trajectory
 
 PROPOSED = "proposed"
@@ -56,8 +56,25 @@ CAMERA_POSES = "/poses/camera"
 """Topic of the estimated pose of the camera in the frame of `POSES`, `Odometry`; without any, the nominal one holds."""
 TRACKING = "tracking"
 """Status of a pose that measurements of the surroundings support, as against dead reckoning."""
+DEPTH_ONLY, IMU_ONLY = "depth_only", "imu_only"
+"""Status of a pose that depth images hold while images show nothing, and of one that nothing but the IMU holds."""
 FOOT_NAMES = {"l": "left", "r": "right"}
 """Name of each foot by its letter in topics and options."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class EstimatedPose(Odometry):
+    """A pose under `POSES` with what its odometry says of it.
+
+    Attributes:
+        status: What holds the pose, such as `TRACKING` or `IMU_ONLY`; "" if the odometry does not say.
+        covariance: (6, 6) of position (m) and rotation about the world's axes (rad), see `Pose`; None if unknown.
+    """
+
+    status: str = ""
+    covariance: Array | None = None
+
+
 Progress = Callable[[str, float], None]
 """Called now and then during a long run, with the name of the work and the share of it that is done, 0 to 1."""
 SampleT = TypeVar("SampleT", contravariant=True)

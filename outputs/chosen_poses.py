@@ -6,16 +6,19 @@ Poses whose z axis is not up, such as those of 7-Scenes in the frame of the firs
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.terrain_map.depth_camera import DepthCamera, camera_in_frame, depth_calibration
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
-from stridetwin.estimators.terrain_map.upright import normals, upward
+from stridetwin.estimators.terrain_map.upright import Vertical, find_surfaces, normals, refine_vertical, upward
 from stridetwin.outputs.coverage import ENOUGH_PCT, compute_covered_share
 from stridetwin.outputs.feeding import runnable_instances
 from stridetwin.outputs.parameters import ParameterValues, with_parameters
@@ -40,6 +43,9 @@ TRUE_POSES = "truth"
 _IMAGES = 20  # most depth images from which the direction upwards is estimated
 _TILT_RAD = math.radians(30.0)
 """A smaller angle may be that of a ramp; the frame of a first image is off by a right angle or so."""
+_SMALL_TILT_RAD, _SURE_SD = math.radians(1.5), 4.0
+"""A smaller tilt of given poses is corrected from this angle, and from so many standard deviations on, if walls or
+surfaces at two heights confirm it."""
 
 _LEVEL_RAD = math.radians(5.0)
 """A surface within this angle of the horizontal is level."""
@@ -233,13 +239,15 @@ def _choose_upright(recording: Recording, path: Trajectory, frame: str, descript
         frame: Frame of the poses; "" is the depth camera's optical frame.
         description: What the poses are, for a message.
     """
-    path, angle = _set_upright(recording, path, frame)
-    rotation = f", rotated by {math.degrees(angle):.0f}° because their z axis is not up" if angle else ""
-    return ChosenPoses(path=path, frame=frame, description=description + rotation)
+    path, remark = _set_upright(recording, path, frame)
+    return ChosenPoses(path=path, frame=frame, description=description + remark)
 
 
-def _set_upright(recording: Recording, path: Trajectory, frame: str) -> tuple[Trajectory, float]:
-    """Rotates poses so that their world's z axis is up, as the ground in some depth images shows it.
+def _set_upright(recording: Recording, path: Trajectory, frame: str) -> tuple[Trajectory, str]:
+    """Rotates poses so that their world's z axis is up, as surfaces in some depth images show it.
+
+    Poses of the twin's truth are upright by definition. Others that seem tilted by a small angle stay as they are
+    unless surfaces at two heights, or walls, agree: it may be a ramp.
 
     Args:
         recording: With the depth images.
@@ -247,18 +255,58 @@ def _set_upright(recording: Recording, path: Trajectory, frame: str) -> tuple[Tr
         frame: Frame of the poses; "" is the depth camera's optical frame.
 
     Returns:
-        The poses, and the angle of the rotation, rad; 0 where they were upright within 30° or no ground was visible.
+        The poses, and a remark on what was found, which begins with ", " or is empty.
     """
-    up = upward(_views(recording, path, frame))  # in the world of the given poses; None without any ground
-    if up is None or (angle := math.acos(min(1.0, max(-1.0, float(up[2]))))) < _TILT_RAD:
-        return path, 0.0
-    rotation = _rotation_onto_z(up)
+    images = _posed_images(recording, path, frame)
+    coarse = upward(_views_of(images))  # in the world of the given poses; None without any ground
+    if coarse is None:
+        return path, ", no level ground in their depth images shows whether their z axis is up"
+    vertical = _find_vertical(images, coarse)
+    angle = math.acos(min(1.0, max(-1.0, float(vertical.up[2]))))
+    if angle < _TILT_RAD:
+        sure_rad = max(_SMALL_TILT_RAD, _SURE_SD * vertical.sd_rad)
+        if recording.is_mcap or not vertical.is_confirmed or angle < sure_rad:
+            return path, ""
+    tilted = "their z axis is not up" if angle >= _TILT_RAD else "level ground and walls are tilted"
+    digits = 0 if angle >= _TILT_RAD else 1
+    sd = f" ± {math.degrees(vertical.sd_rad):.1f}°" if math.isfinite(vertical.sd_rad) else ""
+    remark = f", rotated by {math.degrees(angle):.{digits}f}°{sd} because {tilted}"
+    rotation = _rotation_onto_z(vertical.up)
     upright_path = Trajectory(
         t_ns=path.t_ns,
         p_frame_in_world=rotation.apply(path.p_frame_in_world),
         q_world_frame=(rotation * Rotation.from_quat(path.q_world_frame, scalar_first=True)).as_quat(scalar_first=True),
     )
-    return upright_path, angle
+    return upright_path, remark
+
+
+def _find_vertical(images: Sequence[_PosedImage], coarse: Array) -> Vertical:
+    """The vertical from planes through the surfaces of some images; `coarse` (3,) if no surface is level enough."""
+    surfaces = [
+        surface
+        for image in images
+        for surface in find_surfaces(image.depth, image.intrinsics, image.T_world_camera, coarse)
+    ]
+    return refine_vertical(surfaces, coarse) or Vertical(coarse, math.inf, is_confirmed=False)
+
+
+class _PosedImage(NamedTuple):
+    """A depth image with its pose.
+
+    Attributes:
+        depth: (H, W) m, rectified; 0 is invalid.
+        intrinsics: (4,) fu, fv, pu, pv.
+        T_world_camera: (4, 4) pose of the optical frame, m.
+    """
+
+    depth: NDArray[np.float32]
+    intrinsics: Array
+    T_world_camera: Array
+
+
+def _views_of(images: Sequence[_PosedImage]) -> list[tuple[Array, Array]]:
+    """Surface normals of images, in the camera's frame, and the camera's rotation to the world of the poses."""
+    return [(normals(image.depth, image.intrinsics), image.T_world_camera[:3, :3]) for image in images]
 
 
 def _views(recording: Recording, path: Trajectory, frame: str) -> list[tuple[Array, Array]]:
@@ -269,20 +317,33 @@ def _views(recording: Recording, path: Trajectory, frame: str) -> list[tuple[Arr
         path: Poses of `frame`.
         frame: Frame of the poses; "" is the depth camera's optical frame.
     """
+    return _views_of(_posed_images(recording, path, frame))
+
+
+def _posed_images(recording: Recording, path: Trajectory, frame: str) -> list[_PosedImage]:
+    """Some depth images with the camera's pose in the world of the poses.
+
+    Args:
+        recording: With the depth images.
+        path: Poses of `frame`.
+        frame: Frame of the poses; "" is the depth camera's optical frame.
+    """
     calibration = depth_calibration(recording.rig)
-    camera, R_frame_camera = DepthCamera(calibration), camera_in_frame(recording.rig, calibration, frame)[:3, :3]
+    camera, T_frame_camera = DepthCamera(calibration), camera_in_frame(recording.rig, calibration, frame)
     stamps = recording.image_times(calibration.depth_topic)
     in_path = np.flatnonzero((stamps >= path.t_ns[0]) & (stamps <= path.t_ns[-1]))
     chosen = in_path[np.linspace(0, len(in_path) - 1, min(_IMAGES, len(in_path))).astype(int)].tolist()
-    views: list[tuple[Array, Array]] = []
+    images: list[_PosedImage] = []
     for image in recording.images(calibration.depth_topic, chosen):
         if isinstance(image, Depth):
             depth, _ = camera.rectify(image.depth, TerrainMapParameters())
             # the last pose up to the image
             at = int(np.searchsorted(path.t_ns, image.t_ns, side="right")) - 1
-            R = Rotation.from_quat(path.q_world_frame[at], scalar_first=True).as_matrix() @ R_frame_camera
-            views.append((normals(depth, camera.intrinsics), R))
-    return views
+            T = np.eye(4)
+            T[:3, :3] = Rotation.from_quat(path.q_world_frame[at], scalar_first=True).as_matrix()
+            T[:3, 3] = path.p_frame_in_world[at]
+            images.append(_PosedImage(depth, camera.intrinsics, T @ T_frame_camera))
+    return images
 
 
 def _rotation_onto_z(up: Array) -> Rotation:

@@ -10,7 +10,7 @@ from itertools import repeat
 import numpy as np
 
 from stridetwin.estimators import registry
-from stridetwin.estimators.base import CAMERA_POSES, PATH, POSES, AnyEstimator, Options, Progress
+from stridetwin.estimators.base import CAMERA_POSES, PATH, POSES, AnyEstimator, EstimatedPose, Options, Progress
 from stridetwin.outputs.aligned_walk import AlignedWalk
 from stridetwin.outputs.base import AnyKind, Collector, Output
 from stridetwin.outputs.feeding import EstimatorClass, Instance, rig_of
@@ -43,16 +43,44 @@ def default_odometry() -> EstimatorClass:
     return odometry
 
 
-def pose_sample(t_ns: int, p_frame_in_world: Array, q_world_frame: Array, topic: str = POSES) -> Odometry:
-    """A pose, position (3,) m and quaternion (4,), as a sample; its velocities are unknown (NaN)."""
+def pose_sample(
+    t_ns: int,
+    p_frame_in_world: Array,
+    q_world_frame: Array,
+    topic: str = POSES,
+    *,
+    status: str = "",
+    covariance: Array | None = None,
+) -> Odometry:
+    """A pose as a sample, an `EstimatedPose` if its status or covariance is known; its velocities are unknown (NaN).
+
+    Args:
+        t_ns: Time.
+        p_frame_in_world: (3,) m.
+        q_world_frame: (4,) quaternion, w first.
+        topic: `POSES` or `CAMERA_POSES`.
+        status: What holds the pose; "" if unknown.
+        covariance: (6, 6), see `EstimatedPose`; None if unknown.
+    """
     unknown = np.full(3, np.nan)
-    return Odometry(
+    if not status and covariance is None:
+        return Odometry(
+            topic=topic,
+            t_ns=t_ns,
+            p_frame_in_world=p_frame_in_world,
+            q_world_frame=q_world_frame,
+            v_frame_in_world=unknown,
+            angular_rate=unknown,
+        )
+    return EstimatedPose(
         topic=topic,
         t_ns=t_ns,
         p_frame_in_world=p_frame_in_world,
         q_world_frame=q_world_frame,
         v_frame_in_world=unknown,
         angular_rate=unknown,
+        status=status,
+        covariance=covariance,
     )
 
 
@@ -75,7 +103,9 @@ def merge_poses(
 
 def _pose_samples(path: Trajectory, topic: str) -> Iterator[Sample]:
     """The poses of a path as samples of a topic, in time order."""
-    return map(pose_sample, path.t_ns.tolist(), path.p_frame_in_world, path.q_world_frame, repeat(topic))
+    covariances = repeat(None) if path.covariance is None else path.covariance
+    for t_ns, p, q, covariance in zip(path.t_ns.tolist(), path.p_frame_in_world, path.q_world_frame, covariances):
+        yield pose_sample(t_ns, p, q, topic, covariance=covariance)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -170,7 +200,10 @@ class PoseFeed:
             self._camera = camera
             yield pose_sample(camera.t_ns, camera.p_frame_in_world, camera.q_world_frame, CAMERA_POSES)
         if pose is not None and pose.valid:
-            yield pose_sample(pose.t_ns, pose.p_frame_in_world, pose.q_world_frame)
+            status = str(getattr(estimate, "health", ""))
+            yield pose_sample(
+                pose.t_ns, pose.p_frame_in_world, pose.q_world_frame, status=status, covariance=pose.covariance
+            )
 
 
 class OdometryDriven:

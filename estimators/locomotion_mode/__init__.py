@@ -1,6 +1,6 @@
 """Mode, place and time of the coming steps from depth images, poses and insoles."""
 
-from stridetwin.estimators.locomotion_mode.estimate import MODES, ModeEstimate, NextChange, StepPrediction
+from stridetwin.estimators.locomotion_mode.estimate import MODES, UNKNOWN, ModeEstimate, NextChange, StepPrediction
 from stridetwin.estimators.locomotion_mode.filter import INSOLES, METHODS, LocomotionMode
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
 
@@ -8,6 +8,7 @@ __all__ = [
     "INSOLES",
     "METHODS",
     "MODES",
+    "UNKNOWN",
     "LocomotionMode",
     "LocomotionModeParameters",
     "ModeEstimate",

@@ -6,10 +6,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from stridetwin.estimators.contact_terrain import MODES
+from stridetwin.estimators.contact_terrain import MODES, UNKNOWN
 from stridetwin.streams.samples import Array
 
-__all__ = ["MODES", "ModeEstimate", "NextChange", "StepPrediction"]
+__all__ = ["MODES", "UNKNOWN", "ModeEstimate", "NextChange", "StepPrediction"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -19,7 +19,7 @@ class StepPrediction:
     Attributes:
         step: Number of the step: touch-downs up to and including it.
         foot: `l` or `r`; "" while the next foot is unknown.
-        mode: The most likely of `MODES`.
+        mode: The most likely of `MODES`, or `UNKNOWN` where the poses have drifted too far to tell.
         probabilities: Probability of each of `MODES`.
         t_ns: Time of its touch-down.
         t_sd_s: Standard deviation of that time, s.
@@ -40,6 +40,11 @@ class StepPrediction:
     covariance: Array
     slope: float = math.nan
     slope_sd: float = math.nan
+
+    @property
+    def probability(self) -> float:
+        """Probability of the most likely mode."""
+        return max(self.probabilities.values())
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -11,7 +11,7 @@ import numpy as np
 from stridetwin.estimators.backends import BACKENDS
 from stridetwin.estimators.base import CAMERA_POSES, POSE_STREAM, PROPOSED, Declaration, Options, Stream
 from stridetwin.estimators.base import MODES as MODES_KIND
-from stridetwin.estimators.contact_terrain import StepEstimate
+from stridetwin.estimators.contact_terrain import UNKNOWN, StepEstimate
 from stridetwin.estimators.locomotion_mode.body import Body
 from stridetwin.estimators.locomotion_mode.changes import find_next_change
 from stridetwin.estimators.locomotion_mode.estimate import MODES, ModeEstimate, StepPrediction
@@ -23,6 +23,7 @@ from stridetwin.estimators.locomotion_mode.foothold import (
     position,
 )
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters, Settings
+from stridetwin.estimators.locomotion_mode.pose_trust import PoseTrust
 from stridetwin.estimators.locomotion_mode.published import Division, WalkingInformation, predict_published_steps
 from stridetwin.estimators.locomotion_mode.rhythm import SIDE, StepRhythm, TouchDowns
 from stridetwin.estimators.locomotion_mode.rollout import moments
@@ -30,6 +31,7 @@ from stridetwin.estimators.locomotion_mode.segments import (
     BEHIND_M,
     Segment,
     foothold_heights,
+    is_under_foot,
     last_flight,
     mix_unseen,
     segments_along,
@@ -47,6 +49,10 @@ INSOLES = ("/foot_l/insole", "/foot_r/insole")
 """Topics of the insoles, left and right."""
 _BACK_M = 2.4
 """How far behind the start of the path the ground is read from the map."""
+_IN_VIEW_S = 0.5
+"""Ground that was in an image of depth so recently is where the image showed it, however the poses drift."""
+_UNSURE = 0.5
+"""From this probability on that drift of the poses changes a step's mode, the mode is unknown."""
 _MAX_HEIGHT_M = 2.2
 """A greater height of the body over the ground is wrong."""
 
@@ -61,7 +67,8 @@ class LocomotionMode:
 
     Without insoles it predicts only from the body's position before the first step. A foot with a dead insole is
     predicted from the other foot's touch-downs. Without poses it returns nothing; when they jump, or after a long gap,
-    it resets, as the map does. Unobserved ground may be of any mode, and the probabilities reflect this.
+    it resets, as the map does. Unobserved ground may be of any mode, and the probabilities reflect this. So may ground
+    that is out of view while nothing but the IMU holds the poses (`base.EstimatedPose`): then the mode is `UNKNOWN`.
 
     Args:
         rig: Rig with a depth camera.
@@ -105,9 +112,12 @@ class LocomotionMode:
         # (4, 4) pose of the followed point in the camera's optical frame, see `_mount_in_frame`
         self._T_camera_followed = np.linalg.inv(camera.mount.T_body_sensor) if method == PROPOSED else np.eye(4)
         self._body = Body(*self._mount_in_frame(T_frame_camera), p)
+        self._pose_trust = PoseTrust(p)
         self._touch = TouchDowns(p)
         self._walking = WalkingInformation(p)
         self._rhythm, self._foothold = StepRhythm(p), FootholdEstimator(p)
+        self._seen_ns = -(10**18)  # time of the last image that showed the ground
+        self._is_lost = False  # whether the map began anew in the walk and does not show the ground under the foot
         self._stairs: Stairs | None = None  # the last well-known flight: others of the building are alike
 
     @property
@@ -133,14 +143,19 @@ class LocomotionMode:
         of a step by the legs, provided that a recent pose is known.
         """
         if isinstance(sample, Odometry):
+            had_ground = self.ground.estimate is not None
             self.ground.update(sample)
+            self._is_lost |= had_ground and self.ground.estimate is None  # the map began anew
             if sample.topic == CAMERA_POSES:
                 if is_pose(sample):
                     self._body.set_mount(*self._mount_in_frame(transform(sample)))
-            elif self._body.add(sample):
+                return None
+            if self._body.add(sample):
                 self._rhythm = StepRhythm(self._settings)
                 self._foothold.reset()
                 self._walking.clear()
+                self._pose_trust.clear()
+            self._pose_trust.add(sample)
             return None
         known = self._body.is_known(sample.t_ns)  # whether there is a recent pose
         # `new`: whether the sample changes the prediction
@@ -154,6 +169,8 @@ class LocomotionMode:
             new = foot is not None
         else:
             new = isinstance(sample, Depth) and self.ground.update(sample) is not None
+            if new:
+                self._seen_ns = sample.t_ns
         if not (new and known):
             return None
         return (
@@ -201,6 +218,7 @@ class LocomotionMode:
                 top,
                 self._ground_height(line.origin + behind * line.forward),
                 self._walking.last_size(),
+                self._pose_trust.vertical_m,
             )
 
     def _body_height(self) -> float:
@@ -240,7 +258,17 @@ class LocomotionMode:
         estimate = self.ground.estimate
         if estimate is not None:
             self._stairs = last_flight(estimate, self._stairs)
-        return segments_along(profile, estimate, line.forward, self._settings, self._stairs)
+        return segments_along(profile, estimate, line.forward, self._settings_with_drift(), self._stairs)
+
+    def _settings_with_drift(self) -> Settings:
+        """The settings, with the present drift of the poses, which bends and tilts the map."""
+        drift_rad = self._pose_trust.slope_sd_rad(self._speed())
+        return self._settings._replace(drift_m=self._pose_trust.vertical_m, drift_slope_rad=drift_rad)
+
+    def _speed(self) -> float:
+        """Horizontal speed of the body over the last stride, m/s."""
+        stride_s = 2.0 * self._rhythm.step_s
+        return float(np.linalg.norm((self._body.p - self._body.position_before(stride_s))[:2])) / stride_s
 
     def _predict_proposed(self, t_ns: int) -> ModeEstimate:
         """The prediction of the proposed method at a time: coming steps and the next change of the ground.
@@ -256,12 +284,21 @@ class LocomotionMode:
         stance, feet = foothold.stance_density(line), rhythm.next_feet()
         if rhythm.is_over_foot(t_ns):
             height = foothold_heights(ground, profile, foothold.s, p)
-            stance = foothold.after_passing(stance, height, self._body.max_height(rhythm.down_ns))
+            top = self._body.max_height(rhythm.down_ns)
+            stance = foothold.after_passing(stance, height, top, self._pose_trust.vertical_m)
         chain = foothold.predict_footprints(stance, ground, feet)
         here, _ = moments(position(stance), foothold.s)  # mean position of the stance foot, m along the path
         # (K,) probability that unobserved ground under each step differs; (K, 5) probability of each mode with that
-        unseen = chain.density @ unseen_probability(profile, foothold.s, here, p)
-        modes = mix_unseen(chain.modes, unseen)
+        self._is_lost &= not is_under_foot(profile, here)
+        unseen_there = unseen_probability(profile, foothold.s, here, p, is_lost=self._is_lost)
+        unseen = chain.density @ unseen_there
+        if self._is_lost:  # the rise to a footprint depends on the ground under the foot behind as well
+            behind = np.array([position(stance) @ unseen_there, *unseen[:-1]])
+            unseen = np.maximum(unseen, behind)
+        # probability that drift of the poses makes the mode of any step another one; ground that is in view moves along
+        is_in_view = t_ns - self._seen_ns < _IN_VIEW_S * 1e9
+        unsure = 0.0 if is_in_view else self._pose_trust.unsure(self._speed())
+        modes = mix_unseen(mix_unseen(chain.modes, unseen), np.full(len(feet), unsure))
         times = rhythm.times(feet, t_ns)  # of each step: landing, ns, and its standard deviation, s
         left = np.array([-line.forward[1], line.forward[0]])
         # (2, 2) rotation from along and across the path to the world
@@ -276,7 +313,7 @@ class LocomotionMode:
                 StepPrediction(
                     step=rhythm.step + k + 1,
                     foot=foot,
-                    mode=MODES[int(modes[k].argmax())],
+                    mode=UNKNOWN if unsure >= _UNSURE else MODES[int(modes[k].argmax())],
                     probabilities=dict(zip(MODES, modes[k].tolist())),
                     t_ns=times[k][0],
                     t_sd_s=times[k][1],

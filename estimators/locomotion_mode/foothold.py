@@ -73,6 +73,9 @@ _LATERAL_SD_M = 0.10
 """Lateral standard deviation of the foot from the body's path."""
 _ROTATION_SD_RAD = 0.25
 """A step that rotates by more does not update the step statistics."""
+_DOUBTFUL_CROSSING, _SURE_CROSSING = 0.5, 0.9
+"""Probability that a step crossed an edge, up to which it is no evidence for a habit, and from which on it is a full
+one; between them the evidence grows evenly. Tuned on turns before stairs."""
 _ELEVATION_SD_M, _SLOPE_MATCH_SD_RAD = 0.01, 0.0175
 """Standard deviations of the map's height differences and slopes where an exoskeleton measured them."""
 _LIKELIHOOD_FLOOR = 1e-3
@@ -297,6 +300,7 @@ class FootholdEstimator:
         self._shares = self._habits.prior  # (HABITS,) probability of each habit, for when the position is lost
         self._sd_m = sd_m
         self._alike = 0  # steps in a row on ground of one mode
+        self._straight = 1.0  # probability that the walker did not turn in the last step
         self._landed: _LastLanding | None = None  # None if the last step could not be measured
         self.last_step: MeasuredStep | None = None  # the last step as the legs measured it
         self._step_estimates: list[StepEstimate] = []  # the last step estimates of the legs
@@ -326,7 +330,7 @@ class FootholdEstimator:
             return self._habits.joint(density / density.sum(), self._shares)
         return self._stance.along(line, self.s)
 
-    def after_passing(self, stance: Array, height: Array | None, top: float) -> Array:
+    def after_passing(self, stance: Array, height: Array | None, top: float, drift_m: float = 0.0) -> Array:
         """Corrects the density of the stance foot once the body has passed over it.
 
         The body's greatest height is a leg's length over the foot, which tells treads apart: docs/locomotion_mode.md
@@ -336,8 +340,9 @@ class FootholdEstimator:
             stance: (..., S) density before.
             height: (S,) m, height of the ground along the path; None: unknown.
             top: Greatest height of the body over the foot, m.
+            drift_m: Standard deviation of the drift of the poses' height within a step, m.
         """
-        sd = math.hypot(_TOP_SD_M, self._tall.sd())
+        sd = math.hypot(_TOP_SD_M, self._tall.sd(), drift_m)
         if height is None or sd > _MAX_HEIGHT_SD_M:
             return stance
         # (S,) difference of the body's height over the ground there from its usual one, in standard deviations
@@ -391,6 +396,7 @@ class FootholdEstimator:
         top: float,
         floor: float,
         went_m: float | None,
+        drift_m: float = 0.0,
     ) -> None:
         """Estimates where a foot has landed, and updates the step statistics.
 
@@ -407,8 +413,9 @@ class FootholdEstimator:
             top: Greatest height of the body since the previous touch-down, m.
             floor: Observed height of the ground under the foot behind, m; NaN if unobserved.
             went_m: Distance the body moved since the previous touch-down; None: unknown.
+            drift_m: Standard deviation of the drift of the poses' height within a step, m.
         """
-        stance = self.after_passing(self.stance_density(line), height, top)
+        stance = self.after_passing(self.stance_density(line), height, top, drift_m)
         last_forward = None if self._stance is None else self._stance.line.forward  # (2,) direction of the last step
         behind = position(stance)  # (S,) density of the foot behind
         before, _ = moments(behind, self.s)  # its mean position, m along the path
@@ -428,18 +435,39 @@ class FootholdEstimator:
             self._roll_out(part, ground, landing.feet, habit, likelihoods)
             for part, habit in self._habits.each(self._habits.after_habit_change(stance))
         ]
-        # (HABITS,) probability of each habit, by how well its chain explains this landing
-        self._shares = _normalize(np.array([chain.evidence for chain in chains]))
+        straight = 1.0  # probability that the walker has not turned since the last step
+        if last_forward is not None:
+            straight = math.exp(-0.5 * (_angle_between(last_forward, line.forward) / _ROTATION_SD_RAD) ** 2)
+        self._shares = self._weigh_habits(stance, chains, min(straight, self._straight))
+        self._straight = straight
         density = np.array([share * chain.last for share, chain in zip(self._shares, chains)])  # (HABITS, 2, S)
         self._stance = _Stance(line=line, s=self.s, density=density)
         self._landed = None
         if landing.measurable:
-            straight = 1.0  # probability that the walker has not turned
-            if last_forward is not None:
-                straight = math.exp(-0.5 * (_angle_between(last_forward, line.forward) / _ROTATION_SD_RAD) ** 2)
             self._learn(landing.feet[-1], self._stance, behind, chains, ground, straight, went_m)
-            if self._alike > 1 and math.isfinite(floor):  # on even ground the body's top shows the leg's length
+            if (
+                self._alike > 1 and math.isfinite(floor) and drift_m < _TOP_SD_M
+            ):  # on even ground the body's top shows the leg's length
                 self._tall.update(0.0, top - floor)
+
+    def _weigh_habits(self, stance: Array, chains: Sequence[Chain], straight: float) -> Array:
+        """(HABITS,) probability of each habit after a landing: docs/locomotion_mode.md (16).
+
+        The likelihoods of the chains count as far as the step is evidence: not in a turn, where steps are short for
+        another reason, nor where it is doubtful whether this step or the one before it crossed an edge.
+
+        Args:
+            stance: (HABITS, 2, S) density of the foot behind.
+            chains: One step from the stance foot for each habit.
+            straight: Probability that the walker has turned neither in this step nor in the one before it.
+        """
+        before = self._habits.after_habit_change(stance).sum(axis=(1, 2))
+        after = _normalize(np.array([chain.evidence for chain in chains]))
+        crossed_before = float(stance[:, 1].sum())
+        crossed_now = float(after @ np.array([chain.last[1].sum() for chain in chains]))
+        doubt = (_SURE_CROSSING - max(crossed_before, crossed_now)) / (_SURE_CROSSING - _DOUBTFUL_CROSSING)
+        trust = straight * (1.0 - min(max(doubt, 0.0), 1.0))
+        return np.asarray(trust * after + (1.0 - trust) * before / before.sum())
 
     def _learn(
         self,

@@ -32,7 +32,7 @@ _ONE_PER_TREAD = 0.5
 _JOINER_JOINS, _OTHER_JOINS = 0.97, 0.005
 """q of docs/locomotion_mode.md (14), for walkers who put both feet on each tread, and for all others."""
 _HABIT_CHANGE = 0.05
-"""c of docs/locomotion_mode.md (13): probability that the walker chooses anew, at each edge crossed."""
+"""c of docs/locomotion_mode.md (13): probability that the walker chooses anew, at each step."""
 _AGAINST_HABIT = 0.003
 """γ of docs/locomotion_mode.md (15): weight of a step that walkers of a habit hardly ever take."""
 _SKIP = 0.01
@@ -101,13 +101,11 @@ class Habits:
     def after_habit_change(self, joint: Array) -> Array:
         """Joint density (HABITS, 2, S) after the walker may have changed the habit: docs/locomotion_mode.md (13).
 
-        Only after a step over an edge the walker chooses anew, with the probability `_HABIT_CHANGE`, among the habits
-        by the share of walkers who have them.
+        At each step the walker chooses anew, with the probability `_HABIT_CHANGE`, among the habits by the share of
+        walkers who have them. So what was seen on one stair is slowly forgotten on level ground.
         """
-        after, change = joint.copy(), _HABIT_CHANGE
-        crossed = joint[:, 1]  # (HABITS, S) the part after a step over an edge
-        after[:, 1] = (1.0 - change) * crossed + change * self.prior[:, None] * crossed.sum(axis=0)
-        return after
+        change = _HABIT_CHANGE
+        return np.asarray((1.0 - change) * joint + change * self.prior[:, None, None] * joint.sum(axis=0))
 
     def each(self, joint: Array) -> list[tuple[Array, Habit]]:
         """Splits a joint density by habit: for each one its part, (2, S), and what the habit does."""

@@ -95,10 +95,14 @@ class Settings(NamedTuple):
     Attributes:
         mode: Parameters of the prediction.
         map: Parameters of the map: dimensions of stairs, and gates on poses.
+        drift_m: Standard deviation of the drift of the poses' height within a second, m.
+        drift_slope_rad: Standard deviation of the slope that it gives to level ground, rad.
     """
 
     mode: LocomotionModeParameters = LocomotionModeParameters()
     map: TerrainMapParameters = TerrainMapParameters()
+    drift_m: float = 0.0
+    drift_slope_rad: float = 0.0
 
     @property
     def min_stair_riser_m(self) -> float:

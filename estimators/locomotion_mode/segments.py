@@ -52,6 +52,11 @@ _ALIKE_FALL_M = 0.03
 """Largest difference between a height drop and a whole number of the last observed risers."""
 _LEVEL_SD_RAD = 0.0175
 """Standard deviation of the slope where nothing is known of the ground."""
+_STEEP_RAD = 0.19
+"""Steepest slope of a usual ramp, rad: 11°. Steeper ones are ramps, too, unless they continue a flight."""
+_SAME_PITCH = (0.5, 1.7)
+"""Ratio of a slope to the pitch of the flight before it, between which it is taken for more of that flight. Tuned on
+walks with a narrow, noisy camera."""
 _MAP_SD_M = 0.015
 """Standard deviation of the mapped height of one end of a plane over the other, by drift of the poses."""
 
@@ -121,11 +126,12 @@ def segments_along(
         bounds += _to_bounds(change, usual, p)
     first = max(k for k, bound in enumerate(bounds) if bound.s < 0.0)  # the last bound behind the start of the path
     bounds = [*bounds[first : first + _MAX_SEGMENTS], _Bound(math.inf, 0.0, 0.0)]
+    bounds = _split_smeared_flights(bounds, profile, estimate, forward, until, p)
     # slope of each segment in the map and its standard deviation, rad; indices of the segments with a mapped slope
     mapped, sd, known = np.zeros(len(bounds) - 1), np.full(len(bounds) - 1, _LEVEL_SD_RAD), []
     for k, (one, other) in enumerate(pairwise(bounds)):
         measured = None
-        if not _is_tread(one, other, p):  # a tread is level
+        if not (_is_tread(one, other, p) or one.is_tread):  # a tread is level
             measured = _read_slope(profile, estimate, forward, one.s, min(other.s, until), p)
         if measured is not None:
             mapped[k], sd[k] = measured
@@ -133,7 +139,9 @@ def segments_along(
     slope = mapped.copy()
     # whether two such segments are neighbours and meet in a slope break
     breaks = np.array([j == i + 1 and bounds[j].drop == 0.0 for i, j in pairwise(known)], bool)
-    slope[known], sd[known] = remove_lean(mapped[known], sd[known], breaks, p.mode.lean_sd_rad)
+    slope[known], sd[known] = remove_lean(
+        mapped[known], sd[known], breaks, math.hypot(p.mode.lean_sd_rad, p.drift_slope_rad)
+    )
     return [
         Segment(
             start=one.s,
@@ -241,12 +249,62 @@ class _Bound(NamedTuple):
         sd: Standard deviation of the place, m.
         drop: Height by which the ground rises there, m; negative where it falls, 0 at a slope break.
         drop_sd: Standard deviation of the drop, m.
+        is_tread: Whether a tread begins there though its end is not seen.
     """
 
     s: float
     sd: float
     drop: float
     drop_sd: float = 0.0
+    is_tread: bool = False
+
+
+def _split_smeared_flights(
+    bounds: list[_Bound],
+    profile: Profile,
+    estimate: TerrainEstimate | None,
+    forward: Array,
+    until: float,
+    p: Settings,
+) -> list[_Bound]:
+    """Bounds in which a slope that continues a flight with the flight's own pitch is a row of treads.
+
+    Of the last treads ahead, a narrow or noisy camera shows little more than the edges, and the map joins them to one
+    plane. Ramps are gentler, and hardly any begins where a stair of the same pitch ends. The treads are as long as the
+    one before, and fall or rise together as the plane does.
+
+    Args:
+        bounds: Bounds of the segments; the last one is at inf.
+        profile: Profile of the ground along the path.
+        estimate: Planes of the map; None: unknown.
+        forward: (2,) unit vector of the path.
+        until: Impassable beyond, m along the path.
+        p: Dimensions and standard deviations.
+    """
+    seen = profile.s[profile.plane >= 0]
+    split = bounds[:2]
+    for k in range(2, len(bounds)):
+        before, one, other = bounds[k - 2], bounds[k - 1], bounds[k]
+        measured = None
+        if _is_tread(before, one, p) and before.drop * one.drop > 0.0 and not _is_tread(one, other, p):
+            measured = _read_slope(profile, estimate, forward, one.s, min(other.s, until), p)
+        if measured is not None:
+            tread, rise = one.s - before.s, math.tan(measured[0])  # m, and per metre
+            ratio = rise * tread / one.drop  # of the slope to the pitch of the flight
+            if abs(measured[0]) > _STEEP_RAD and _SAME_PITCH[0] < ratio < _SAME_PITCH[1]:
+                split[-1] = one._replace(is_tread=True)
+                length = min(other.s, float(seen[-1])) - one.s
+                count = round(length / tread) if other.drop == 0.0 and math.isfinite(other.s) else int(length / tread)
+                spacing = length / count if count and math.isfinite(other.s) else tread
+                edges = [
+                    _Bound(one.s + j * spacing, OCCLUDED_EDGE_SD_M, rise * spacing, is_tread=True)
+                    for j in range(1, count + 1)
+                ]
+                if edges and math.isfinite(other.s):  # the last edge is where the slope ends
+                    other = edges.pop()._replace(is_tread=False)
+                split += edges
+        split.append(other)
+    return split
 
 
 def _is_tread(one: _Bound, other: _Bound, p: Settings) -> bool:
@@ -333,7 +391,8 @@ def _read_slope(
     plane = planes[int(np.bincount(known).argmax())]  # the most frequent id
     on = inside & (profile.plane == plane.id)
     seen = profile.s[on]
-    bent = _MAP_SD_M / max(float(seen[-1] - seen[0]), MIN_FOOTHOLD_M)  # slope by drift of the poses, rad
+    # slope by drift of the poses, rad
+    bent = math.hypot(_MAP_SD_M, p.drift_m) / max(float(seen[-1] - seen[0]), MIN_FOOTHOLD_M)
     slope, sd = math.atan(float(plane.gradient @ forward)), plane.slope_sd
     if profile.slope is not None and profile.slope_sd is not None:
         slope, sd = float(np.median(profile.slope[on])), float(np.median(profile.slope_sd[on]))
@@ -495,7 +554,12 @@ def _probability_beyond(s: Array, start: Array, sd: Array) -> Array:
     return np.asarray(0.5 * (1.0 + np.tanh((s - start[:, None]) / (1.2 * np.maximum(sd, _MIN_EDGE_SD_M))[:, None])))
 
 
-def unseen_probability(profile: Profile, s: Array, here: float, p: Settings) -> Array:
+def is_under_foot(profile: Profile, here: float) -> bool:
+    """Whether the map shows ground within a sole's length of a place `here`, m along the path."""
+    return bool((np.abs(profile.s[profile.plane >= 0] - here) < MIN_FOOTHOLD_M).any())
+
+
+def unseen_probability(profile: Profile, s: Array, here: float, p: Settings, *, is_lost: bool = False) -> Array:
     """(S,) probability that the ground at a position is of another mode than assumed, because it is not observed.
 
     Changes are random, one per `change_m` on average. Between two observed positions two changes would be needed; from
@@ -506,6 +570,8 @@ def unseen_probability(profile: Profile, s: Array, here: float, p: Settings) -> 
         s: (S,) m along the path.
         here: Position of the stance foot, m: there is ground.
         p: Rate of changes.
+        is_lost: Whether the map began anew during the walk and does not show the ground under that foot yet: that may
+            be a stair, whose treads are the shorter way to a change.
     """
     seen = profile.s[profile.plane >= 0]
     bounds = np.concatenate([[-np.inf], seen, [np.inf]])  # m along the path, observed
@@ -513,6 +579,8 @@ def unseen_probability(profile: Profile, s: Array, here: float, p: Settings) -> 
     back, ahead = s - bounds[i], bounds[i + 1] - s  # distance to the nearest observed position on either side, m
     # probability of a change on either side; -expm1(-x) = 1 - exp(-x) is that of a change within a length
     between = np.expm1(-back / p.mode.change_m) * np.expm1(-ahead / p.mode.change_m)
+    if is_lost:
+        return np.asarray(np.expm1(-back / p.map.max_tread_m) * np.expm1(-ahead / p.map.max_tread_m))
     return np.asarray(np.minimum(between, -np.expm1(-np.abs(s - here) / p.mode.change_m)))
 
 

@@ -14,7 +14,9 @@ import numpy as np
 from stridetwin.streams.samples import Array
 
 _LEANS = 81
-"""Number of hypotheses of the lean."""
+"""Smallest number of hypotheses of the lean."""
+_LARGEST_STEP_RAD = 0.004
+"""Largest distance between two hypotheses: less than the standard deviation of ground built level."""
 _REACH_SD = 4.0
 """Largest lean, in standard deviations."""
 _FLAT_SD_RAD, _RAMP_SD_RAD = 0.006, 0.12
@@ -39,7 +41,9 @@ def remove_lean(slope: Array, sd: Array, breaks: Array, lean_sd_rad: float) -> t
     Returns:
         (N,) slopes, rad; (N,) their standard deviations, rad.
     """
-    lean = np.linspace(-_REACH_SD, _REACH_SD, _LEANS) * lean_sd_rad  # (L,) hypotheses, rad
+    # (L,) hypotheses, rad; more of them where the lean may be large
+    count = max(_LEANS, 2 * math.ceil(_REACH_SD * lean_sd_rad / _LARGEST_STEP_RAD) + 1)
+    lean = np.linspace(-_REACH_SD, _REACH_SD, count) * lean_sd_rad
     off, variance = slope[:, None] - lean, sd[:, None] ** 2  # (N, L) slopes without the lean
     # variance, rad², and share of the kinds of ground: level, ramp
     built = np.array([_FLAT_SD_RAD, _RAMP_SD_RAD]) ** 2

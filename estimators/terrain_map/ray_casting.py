@@ -20,19 +20,32 @@ _HERE = Path(__file__).parent
 
 _BESIDE = np.ones((5, 5), np.uint8)
 """The columns around one, for `column_noise`."""
-_MIN_WEIGHT = 0.1
-"""Smallest weight of an observed voxel, in images taken from 1 m."""
+_MAX_MIN_WEIGHT = 0.1
+"""Weight from which on any voxel is observed, in images taken from 1 m."""
+_MIN_WEIGHT = 0.01
+"""Smallest weight of an observed voxel."""
+_OBSERVED_SD_M = 0.026
+"""Largest standard deviation of an observed voxel's height, m: docs/terrain_map.md (13). Tuned on single images of
+stairs from in front. With 0.021 fewer treads at grazing angles are mapped from one image; with 0.032 the far border of
+level ground frays."""
 _MAX_LAMBDA = 0.5
 """Beyond this |λ| the distance is unknown: the surface between two such voxels is taken in the middle."""
 _NEIGHBOUR_SHARE = np.float32(0.5)
 """Smallest weight of a column, as a share of its neighbours' weight: flying pixels have less."""
-_WEIGHT_FLOOR = np.float32(0.05)
+_WEIGHT_FLOOR = np.float32(0.01)
 """Lower limit of the weight in a column's standard deviation."""
 
 
 @entry_kernel(_HERE)
 def cast_down(
-    blocks: Blocks, first_i: int, first_j: int, size: int, top_k: int, voxel_m: float
+    blocks: Blocks,
+    first_i: int,
+    first_j: int,
+    size: int,
+    top_k: int,
+    voxel_m: float,
+    eye_z: float,
+    noise_per_m: float,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Casts one ray straight down per column of voxels, to the highest surface.
 
@@ -46,6 +59,8 @@ def cast_down(
         size: Columns along one edge of the view; a multiple of 8.
         top_k: Rays start at this layer.
         voxel_m: Edge of a voxel.
+        eye_z: Height of the camera, m.
+        noise_per_m: Standard deviation of the depth divided by its square, 1/m.
 
     Returns:
         (size, size) height of the surface, m, NaN where unobserved, and the smaller weight of the two voxels.
@@ -58,7 +73,9 @@ def cast_down(
     met = np.zeros(EDGE * EDGE, np.bool_)
     slots, origin = blocks.slots, blocks.origin
     start = min(top_k, (origin[2] + SHAPE[2]) * EDGE - 1)  # highest layer, within the window
-    nothing, least = np.float32(0.0), np.float32(_MIN_WEIGHT)  # in 32 bit
+    nothing = np.float32(0.0)  # in 32 bit
+    # smallest weight of an observed voxel, by its layer in the block
+    enough = np.empty(EDGE, np.float32)
     for bi in range(size // EDGE):
         for bj in range(size // EDGE):
             known[:], met[:] = nothing, False
@@ -70,22 +87,25 @@ def cast_down(
                     continue
                 distance, weight = blocks.distance[row], blocks.weight[row]
                 top = min(EDGE - 1, start - bk * EDGE)  # highest layer in this block
+                for k in range(EDGE):
+                    off = noise_per_m * (eye_z - (bk * EDGE + k + 0.5) * voxel_m) / _OBSERVED_SD_M
+                    enough[k] = min(max(off * off, _MIN_WEIGHT), _MAX_MIN_WEIGHT)
                 for column in range(EDGE * EDGE):
                     if met[column]:
                         continue
                     # Columns that only pass through free or unobserved voxels are skipped, but for the lowest voxel.
                     first, solid = column << 3, False  # solid: a voxel of the column is behind a surface
                     for k in range(EDGE):
-                        solid |= (weight[first | k] >= least) & (distance[first | k] >= nothing)
+                        solid |= (weight[first | k] >= enough[k]) & (distance[first | k] >= nothing)
                     if not solid:
                         above[column] = distance[first]
-                        known[column] = weight[first] if weight[first] >= least else nothing
+                        known[column] = weight[first] if weight[first] >= enough[0] else nothing
                         continue
                     before, trusted = above[column], known[column]  # λ and weight of the voxel above
                     for k in range(top, -1, -1):
                         at = first | k
                         voxel_weight, value = weight[at], distance[at]
-                        if voxel_weight < least:
+                        if voxel_weight < enough[k]:
                             trusted = nothing
                             continue
                         if value >= nothing and trusted > nothing and before < nothing:

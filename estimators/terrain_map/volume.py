@@ -104,7 +104,9 @@ class VoxelVolume:
         p, eye_z = self._p, float(self._T_grid_camera[2, 3])
         first = view_corner(self._T_grid_camera, p)
         top = math.floor(eye_z / p.voxel_size_m)  # layer of the camera, from which the rays are cast down
-        height, weight = cast_down(self._blocks, first[0], first[1], VIEW, top, p.voxel_size_m)
+        height, weight = cast_down(
+            self._blocks, first[0], first[1], VIEW, top, p.voxel_size_m, eye_z, p.depth_noise_per_m
+        )
         noise = column_noise(height, weight, eye_z, min_noise_m(p), p.plane_noise_m, p.depth_noise_per_m)
         labels, sums = extract_planes(column_points(height, first, p.voxel_size_m), noise, p)
         return TopView(first, labels, sums, height, noise)

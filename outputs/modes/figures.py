@@ -174,7 +174,7 @@ def mode_ribbon(estimates: list[ModeEstimate], scores: ModeScores, walk: Aligned
     begin, end = min(first_begin, steps[0].t_s), steps[-1].t_s + 0.3  # of the time axis, s
     t = np.array([e.t_ns * 1e-9 for e in estimates])
     # (N,) probability of the next step's predicted mode
-    p = np.array([e.steps[0].probabilities[e.steps[0].mode] for e in estimates])
+    p = np.array([e.steps[0].probability for e in estimates])
     plot = Plot(
         title="Modes over time",
         x=(begin, end),

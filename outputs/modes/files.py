@@ -116,7 +116,7 @@ def mode_cells(row: PredictedStep) -> list[str]:
         str(step.step),
         step.foot,
         step.mode,
-        _cell(step.probabilities[step.mode], 4),
+        _cell(step.probability, 4),
         *(_cell(step.probabilities[mode], 4) for mode in MODES),
         _cell(row.steady_s, 3),
         _cell(step.t_ns * 1e-9, 3),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate, StepPrediction
+from stridetwin.estimators.locomotion_mode import MODES, UNKNOWN, ModeEstimate, StepPrediction
 from stridetwin.outputs.aligned_walk import AlignedWalk
 from stridetwin.outputs.alignment import YawAlignment
 from stridetwin.outputs.modes.figures import ellipse
@@ -65,7 +65,7 @@ def _log_steps(rerun: ModuleType, stream: RecordingStream, estimates: list[ModeE
     for estimate in _thin_out(estimates):
         alignment = walk.alignment.at(estimate.t_ns)
         predicted = [s for s in estimate.steps if np.isfinite(s.p_foot_in_world[:2]).all()]
-        colors = [CLASS_COLORS[GROUND_CLASSES.index(s.mode)] for s in predicted]
+        colors = [CLASS_COLORS[GROUND_CLASSES.index("none" if s.mode == UNKNOWN else s.mode)] for s in predicted]
         stream.set_time("time", duration=estimate.t_ns * 1e-9)
         outlines = [_sole_outline(s, estimate, alignment) for s in predicted]
         stream.log(f"{STEPS}/predicted", rerun.LineStrips3D(outlines, colors=colors, radii=[0.006]))
@@ -107,7 +107,7 @@ def prediction_text(estimate: ModeEstimate) -> str:
     """The prediction of the next step and of the next terrain change, as text."""
     step, change = estimate.steps[0], estimate.change
     foot = {"l": "left", "r": "right"}.get(step.foot, "next")
-    lines = [f"next step ({foot}): {CLASS_NAMES[step.mode]}, {100 * step.probabilities[step.mode]:.0f} %"]
+    lines = [f"next step ({foot}): {CLASS_NAMES[step.mode]}, {100 * step.probability:.0f} %"]
     if change is not None:
         size = ""
         if math.isfinite(change.riser):

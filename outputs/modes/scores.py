@@ -15,7 +15,7 @@ from typing import Any, TypedDict
 
 import numpy as np
 
-from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate
+from stridetwin.estimators.locomotion_mode import MODES, UNKNOWN, ModeEstimate
 from stridetwin.outputs.alignment import MovingAlignment
 from stridetwin.outputs.base import DESCRIPTIVE, LEAD, SHARE, Score, Scores
 from stridetwin.outputs.coverage import COVERAGE
@@ -108,7 +108,7 @@ class ScoredMode:
         t_s: Touch-down, s.
         mode: True mode.
         before: True mode of the previous step.
-        predicted: The last mode predicted before touch-down; "" if there was no prediction.
+        predicted: The last mode predicted before touch-down, or `UNKNOWN`; "" if there was no prediction.
         allowed: Modes that count as right.
         lead_s: How long before touch-down the predicted mode had become right for good, 0 if it was wrong.
         probabilities: Of `MODES`, at the last prediction.
@@ -368,11 +368,10 @@ def mode_figures(walks: Iterable[ModeScores]) -> ModeFigures:
     steps = [s for w in walks for s in w.steps]
     approaches = [a for w in walks for a in w.approaches]
     transitions = [s for s in steps if s.is_transition]
-    # by true and by predicted mode, "" where there was no prediction
-    confusion = {
-        true: {predicted: sum(s.mode == true and s.predicted == predicted for s in steps) for predicted in (*MODES, "")}
-        for true in MODES
-    }
+    # by true and by predicted mode, "" where there was no prediction or the mode was said to be unknown
+    confusion = {true: dict.fromkeys((*MODES, ""), 0) for true in MODES}
+    for s in steps:
+        confusion[s.mode][s.predicted if s.predicted in MODES else ""] += 1
     return {
         "accuracy_pct": _percent(s.is_correct for s in steps),
         "strict_accuracy_pct": _percent(s.is_strictly_correct for s in steps),
@@ -506,7 +505,7 @@ def reliability(steps: Sequence[ScoredMode]) -> list[tuple[float, float, int]]:
     Returns:
         For each tenth with steps: mean probability, share of steps that were right, and their number.
     """
-    predicted = [s for s in steps if s.probabilities and not s.is_straddling]
+    predicted = [s for s in steps if s.probabilities and s.predicted != UNKNOWN and not s.is_straddling]
     p = np.array([max(s.probabilities) for s in predicted])  # the largest one is that of the predicted mode
     right = np.array([s.is_correct for s in predicted], float)
     bins = np.minimum((p * _BINS).astype(int), _BINS - 1)  # a probability of 1 belongs to the last bin

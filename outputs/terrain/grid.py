@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.estimators.locomotion_mode import MODES
+from stridetwin.estimators.locomotion_mode import MODES, UNKNOWN
 from stridetwin.estimators.terrain_map import Ramp, Stairs, TerrainEstimate, TerrainMap
 from stridetwin.estimators.terrain_map.filter import GRID_ROTATION_RAD
 from stridetwin.streams.samples import Array
@@ -17,8 +17,15 @@ GROUND_CLASSES = (*MODES, "none")
 """Class of the ground for a walker in a given direction: the mode of steps on it; `none` without a class."""
 CLASS_COLORS = ((70, 170, 90), (50, 110, 220), (130, 80, 205), (230, 140, 30), (185, 70, 45), (150, 150, 150))
 """RGB of each of `GROUND_CLASSES`."""
-CLASS_NAMES = {"LG": "level", "SA": "stairs up", "SD": "stairs down", "RA": "ramp up", "RD": "ramp down"}
-"""Names of the classes, which are also those of the modes of steps on them."""
+CLASS_NAMES = {
+    "LG": "level",
+    "SA": "stairs up",
+    "SD": "stairs down",
+    "RA": "ramp up",
+    "RD": "ramp down",
+    UNKNOWN: "unknown",
+}
+"""Names of the classes, which are also those of the modes of steps on them, and of an unknown mode."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -70,10 +70,11 @@ class CameraRecognition(Recognition):
         """
         if self._next is not None:
             number, foot, mode = self._next
-            if estimate.step >= number:  # the step that came next in the last prediction has landed
+            # the step that came next in the last prediction has landed; an unknown mode changes nothing
+            if estimate.step >= number and mode != UNKNOWN:
                 self.current[foot] = mode
         for step in reversed(estimate.steps):  # the nearest step of a foot is set last, and stays
-            if step.foot:
+            if step.foot and step.mode != UNKNOWN:
                 self.upcoming[step.foot] = step.mode
         first = estimate.steps[0]  # the next estimate tells whether it has landed
         self._next = (first.step, first.foot, first.mode) if first.foot else None

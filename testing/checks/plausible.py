@@ -219,7 +219,7 @@ def _check_modes(estimate: ModeEstimate) -> None:
     if abs(estimate.heading) > 2.0 * math.pi:
         raise ConformanceError(f"{at}: heading is {estimate.heading:.3g}: it is in radians")
     for step in estimate.steps:
-        if step.mode not in STEP_MODES or step.foot not in ("l", "r", ""):
+        if step.mode not in (*STEP_MODES, UNKNOWN) or step.foot not in ("l", "r", ""):
             raise ConformanceError(f"{at}: invalid mode {step.mode!r} or foot {step.foot!r}: expected such as LG, l")
         seconds = (step.t_ns - estimate.t_ns) * 1e-9
         if not -_LATEST_STEP_S < seconds < _LATEST_STEP_S:

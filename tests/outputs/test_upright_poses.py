@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.real_walks import data_folder
 from stridetwin.cli.main import main
-from stridetwin.estimators.terrain_map.upright import normals, upward
+from stridetwin.estimators.terrain_map.upright import find_surfaces, normals, refine_vertical, upward
 
 FOLDER = data_folder("stairs_depth")
 INTRINSICS = np.array([200.0, 200.0, 159.5, 119.5])
@@ -48,6 +48,75 @@ def test_without_a_level_surface_there_is_no_vertical():
     any_way = rng.standard_normal((4000, 3))
     assert upward([(any_way / np.linalg.norm(any_way, axis=1)[:, None], np.eye(3))]) is None
     assert upward([]) is None
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 10**6), st.floats(25.0, 50.0), st.floats(-10.0, 10.0))
+def test_planes_give_the_vertical_within_half_a_degree_and_walls_confirm_it(seed, pitch_deg, roll_deg):
+    rng = np.random.default_rng(seed)
+    world, surfaces = Rotation.from_rotvec(rng.uniform(-0.06, 0.06, 3)), []
+    true_up = world.apply([0.0, 0.0, 1.0])
+    for yaw_deg in (10.0, 130.0, 250.0):
+        looking = Rotation.from_euler("ZYX", [yaw_deg, pitch_deg, roll_deg], degrees=True)
+        R = looking.as_matrix() @ np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+        depth = room(R, 1.6) * rng.normal(1.0, 0.002, (240, 320)).astype(np.float32)
+        T = np.eye(4)
+        T[:3, :3] = world.as_matrix() @ R
+        surfaces += find_surfaces(depth, INTRINSICS, T, np.array([0.0, 0.0, 1.0]))
+    vertical = refine_vertical(surfaces, np.array([0.0, 0.0, 1.0]))
+    assert vertical is not None
+    assert vertical.is_confirmed
+    angle = np.arccos(min(1.0, float(vertical.up @ true_up)))
+    assert np.degrees(angle) < 0.5
+    assert angle < 4.0 * vertical.sd_rad
+
+
+def test_a_ramp_alone_confirms_no_vertical():
+    R = Rotation.from_euler("ZYX", [0.0, 60.0, 0.0], degrees=True).as_matrix()
+    R = R @ np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+    v, u = np.mgrid[:240, :320]
+    rays = np.stack([(u - 159.5) / 200.0, (v - 119.5) / 200.0, np.ones_like(u, float)], -1) @ R.T
+    normal = np.array([-np.sin(0.07), 0.0, np.cos(0.07)])
+    depth = (-1.6 * normal[2] / (rays @ normal)).astype(np.float32)
+    depth = np.where((depth > 0.0) & (depth < 4.0), depth, 0.0).astype(np.float32)
+    T = np.eye(4)
+    T[:3, :3] = R
+    vertical = refine_vertical(
+        find_surfaces(depth, INTRINSICS, T, np.array([0.0, 0.0, 1.0])), np.array([0.0, 0.0, 1.0])
+    )
+    assert vertical is not None
+    assert not vertical.is_confirmed
+    assert refine_vertical([], np.array([0.0, 0.0, 1.0])) is None
+
+
+@pytest.mark.skipif(FOLDER is None, reason="no recordings: set STRIDETWIN_DATA to their folder")
+def test_given_poses_that_are_tilted_by_a_few_degrees_are_set_upright(tmp_path, capsys):
+    folder = tmp_path / "scene"
+    shutil.copytree(FOLDER / "stairs_depth", folder, copy_function=shutil.copyfile)
+    pose = folder / "frame-000000.pose.txt"
+    tilt = np.eye(4)
+    tilt[:3, :3] = Rotation.from_euler("y", 4.0, degrees=True).as_matrix()
+    pose.chmod(0o644)
+    np.savetxt(pose, tilt @ np.loadtxt(pose))
+    assert main(["estimate", "terrain_map", str(folder), "--poses", "truth", "-o", str(tmp_path / "map.json")]) == 0
+    said = capsys.readouterr().out
+    assert "because level ground and walls are tilted" in said
+    assert " 0 ramp" in said
+    assert " 0 stairs" not in said
+
+
+def test_images_without_level_ground_are_said_to_show_no_vertical(tmp_path, capsys):
+    import cv2
+
+    folder = tmp_path / "wall"
+    folder.mkdir()
+    cv2.imwrite(str(folder / "frame-000000.depth.png"), np.full((424, 512), 1500, np.uint16))
+    cv2.imwrite(str(folder / "frame-000000.color.png"), np.full((424, 512, 3), 90, np.uint8))
+    looking_ahead = np.array([[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+    np.savetxt(folder / "frame-000000.pose.txt", looking_ahead)
+    np.savetxt(folder / "camera-intrinsics.txt", np.array([[365.0, 0, 255.5], [0, 365.0, 211.5], [0, 0, 1.0]]))
+    assert main(["estimate", "terrain_map", str(folder), "--poses", "truth", "-o", str(tmp_path / "map.json")]) == 0
+    assert "no level ground in their depth images shows whether their z axis is up" in capsys.readouterr().out
 
 
 @pytest.mark.skipif(FOLDER is None, reason="no recordings: set STRIDETWIN_DATA to their folder")

@@ -47,7 +47,18 @@ def test_a_change_of_kind_changes_neither_place_nor_crossing(values):
     joint = joint_of(values)
     after = Habits(P).after_habit_change(joint)
     np.testing.assert_allclose(after.sum(axis=0), joint.sum(axis=0), atol=1e-12)
-    np.testing.assert_array_equal(after[:, 0], joint[:, 0])
+
+
+@given(shares, st.integers(1, 80))
+def test_level_ground_makes_every_habit_forget_towards_the_shares_of_walkers(values, steps):
+    walkers, joint = Habits(P), joint_of(values)
+    joint[:, 0] += joint[:, 1]
+    joint[:, 1] = 0.0
+    off = np.abs(joint.sum(axis=(1, 2)) - walkers.prior)
+    for _ in range(steps):
+        joint = walkers.after_habit_change(joint)
+    left = (1.0 - habits._HABIT_CHANGE) ** steps
+    np.testing.assert_allclose(np.abs(joint.sum(axis=(1, 2)) - walkers.prior), left * off, atol=1e-12)
 
 
 @given(shares)
@@ -187,6 +198,40 @@ def test_a_heel_that_overhangs_an_edge_is_as_high_as_its_sole():
     slope = ground((0.0, 0.0), slopes=[8.0, 8.0])
     height, *_ = surface_along(slope, s)
     np.testing.assert_allclose(foothold_heights(slope, replace(profile, height=height), s, P), height, atol=1e-9)
+
+
+def habit_evidence(crossed_before, crossed_now, straight):
+    """Probabilities of the habits after a step that only someone who joins the feet takes."""
+    walker = foothold.FootholdEstimator(P)
+    stance = walker._habits.joint(foot_at(1.0), walker._habits.prior)
+    stance = np.stack([(1.0 - crossed_before) * stance[:, 0], crossed_before * stance[:, 0]], axis=1)
+    part = flight(0.17, 1.05, crossed=True, joins=0.5, steps=1)
+    last = np.stack([(1.0 - crossed_now) * foot_at(1.0), crossed_now * foot_at(1.0)])
+    chains = [replace(part, last=last, evidence=evidence) for evidence in (1.0, 1e-6, 1e-6, 1e-6)]
+    return walker._weigh_habits(stance, chains, straight), walker._habits.prior
+
+
+@pytest.mark.parametrize(
+    ("crossed_before", "crossed_now", "straight"), [(0.0, 0.4, 1.0), (0.5, 0.0, 1.0), (1.0, 1.0, 0.0)]
+)
+def test_neither_a_turn_nor_a_doubtful_crossing_is_evidence(crossed_before, crossed_now, straight):
+    after, before = habit_evidence(crossed_before, crossed_now, straight)
+    np.testing.assert_allclose(after, before, atol=1e-12)
+
+
+@pytest.mark.parametrize(("crossed_before", "crossed_now"), [(1.0, 0.0), (0.0, 1.0), (0.95, 0.95)])
+def test_a_sure_crossing_on_a_straight_way_is_full_evidence(crossed_before, crossed_now):
+    after, _ = habit_evidence(crossed_before, crossed_now, 1.0)
+    assert after[0] > 0.999
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(0.0, 1.0))
+def test_less_certain_steps_are_less_evidence(crossed_before, crossed_now, straight):
+    after, before = habit_evidence(crossed_before, crossed_now, straight)
+    surer, _ = habit_evidence(1.0, crossed_now, straight)
+    assert after.sum() == pytest.approx(1.0)
+    assert before[0] - 1e-9 <= after[0] <= surer[0] + 1e-9
 
 
 @pytest.fixture(scope="module")

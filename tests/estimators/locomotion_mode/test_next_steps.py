@@ -226,6 +226,45 @@ def test_a_ramp_between_two_edges_is_none_the_less_a_ramp():
     assert math.degrees(made[2].slope) == pytest.approx(6.5, abs=0.2)
 
 
+def continued(degrees, *, drop=-0.16, end=2.6):
+    """The segments of a way with two edges 0.3 m apart, and a slope from the second one to a knee."""
+    slope, far = math.radians(degrees), way((1.5, drop, 0.01), (1.8, drop, 0.01))
+    knee = Change(kind="knee", s=end, sd=0.02, drop=0.0, bend=-slope)
+    inside = (far.s > 1.8) & (far.s < end)
+    profile = Profile(s=far.s, height=far.height, plane=np.where(inside, 7, 0), changes=(*far.changes, knee))
+    planes = {
+        id_: Plane(
+            id=id_,
+            centre=np.zeros(3),
+            normal=np.array([-math.sin(angle), 0.0, math.cos(angle)]),
+            area_m2=0.5,
+            spread=0.01 * np.eye(2),
+            votes=30.0,
+            covariance=1e-6 * np.eye(3),
+        )
+        for id_, angle in ((0, 0.0), (7, slope))
+    }
+    estimate = TerrainEstimate(t_ns=0, planes=planes, terrains=(), p_camera_in_world=np.zeros(3))
+    return segments_along(profile, estimate, np.array([1.0, 0.0]), P)
+
+
+@pytest.mark.parametrize(("degrees", "drop"), [(-20.0, -0.16), (-28.0, -0.16), (20.0, 0.16)])
+def test_a_slope_of_the_pitch_of_the_flight_before_it_is_more_of_that_flight(degrees, drop):
+    made = continued(degrees, drop=drop)
+    fall = math.tan(math.radians(degrees)) * 0.8
+    assert [m.mode for m in made] == ["LG"] * len(made)
+    assert [m.drop for m in made[3:]] == pytest.approx([fall / 3] * 3, abs=1e-3)
+    assert made[-1].start == pytest.approx(2.6, abs=0.02)
+    table = mode_table(made, P)
+    assert MODES[int(table[3, 4].argmax())] == ("SD" if drop < 0 else "SA")
+
+
+@pytest.mark.parametrize(("degrees", "drop"), [(-6.0, -0.16), (-10.0, -0.16), (20.0, -0.16), (-17.8, -0.04)])
+def test_gentler_slopes_and_those_the_other_way_are_ramps(degrees, drop):
+    made = continued(degrees, drop=drop)
+    assert "RD" in [m.mode for m in made] or "RA" in [m.mode for m in made]
+
+
 def test_hidden_stairs_down_are_no_brink():
     """Four risers down, the treads hidden on 0.9 m: usual treads fill the gap."""
     made = segments_along(way((2.0, -0.72, 0.9 / 4)), None, np.array([1.0, 0.0]), P)

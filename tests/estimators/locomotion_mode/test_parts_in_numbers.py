@@ -28,7 +28,7 @@ def edge(s, drop, sd=0.01):
 
 
 def bounds(change, usual=None):
-    return np.array([tuple(b) for b in segments._to_bounds(change, usual, P)])
+    return np.array([tuple(b)[:4] for b in segments._to_bounds(change, usual, P)])
 
 
 def test_a_step_up_or_a_low_step_down_is_one_edge():
