@@ -12,8 +12,9 @@ import numpy as np
 
 from stridetwin.estimators.base import PATH, TRACKING, Declaration, Options, PathEstimate, Progress, Stream
 from stridetwin.estimators.dvio import kernel
+from stridetwin.estimators.dvio.clock_search import ClockSearch
 from stridetwin.estimators.dvio.initializer import Alignment, Initializer
-from stridetwin.estimators.dvio.nav_state import STATIONARY_S, NavState
+from stridetwin.estimators.dvio.nav_state import STATIONARY_S, NavState, copy_of
 from stridetwin.estimators.dvio.parameters import METHODS, DvioParameters, method_parameters
 from stridetwin.estimators.dvio.sliding_window import STATIONARY_SPEED_SD_MPS, SlidingWindow
 from stridetwin.estimators.dvio.tracker import CameraFrame, Stereo, with_depth, with_stereo
@@ -38,6 +39,9 @@ _START_SD = 1e-4  # m and rad: the first position and heading define the world
 # After a failure: position (m) and attitude (rad) in addition to the previous uncertainty, velocity (m/s), and biases
 # of gyroscope (rad/s) and accelerometer (m/s²).
 _LOST_SD = (0.5, 0.3, 1.0, 0.01, 0.1)
+# What a start in motion by a wrong clock may have got wrong, beside its covariance: position (m), attitude (rad),
+# velocity (m/s), as `_LOST_SD`.
+_WRONG_CLOCK_SD = (0.1, 0.05, 0.3, 0.01, 0.1)
 LOST_WALK_M_RTS = 1.0
 """Growth of the position error while lost, because the wearer walks on."""
 
@@ -166,6 +170,11 @@ class Dvio:
         # the window of frames, its buffer of IMU samples (`inertial`) and the state propagated with them (`nav`)
         self._core = SlidingWindow(camera, imu, T_imu_camera, self._parameters)
         self._initializer = Initializer(self._core)  # collects images for a start in motion
+        # compares images with the gyroscope until the camera's clock is known; None for methods that trust it
+        self._clock = ClockSearch(self._core.lens) if self._parameters.method.clock_search else None
+        # the state at the last image at rest, which no clock can spoil; None before one
+        self._resting_state: NavState | None = None
+        self._restarts_window = False  # whether the next image starts a new window, because the clock was wrong
         self._camera_pose = self._camera_mount(0)
         # colour and depth images that wait for the IMU or for each other, oldest first
         self._images: deque[Image] = deque(maxlen=MAX_WAITING_IMAGES)
@@ -326,6 +335,8 @@ class Dvio:
         if self._health and core.inertial.gap_s() > _MAX_IMU_GAP_S:  # samples are missing before this one
             self._declare_lost()
         while (frame := self._take_due_image()) is not None:
+            if self._corrects_clock(frame):
+                continue
             if self._health in (TRACKING, IMU_ONLY):
                 self._track(frame)
             else:
@@ -387,17 +398,51 @@ class Dvio:
         t_ns, newest_frame_ns = core.imu_time(frame.t_ns), core.newest_ns  # both on the IMU's clock
         if t_ns <= newest_frame_ns:
             return
-        if (t_ns - newest_frame_ns) * 1e-9 > _MAX_BLIND_S or not core.is_imu_complete:
+        is_blind = (t_ns - newest_frame_ns) * 1e-9 > _MAX_BLIND_S or not core.is_imu_complete
+        if is_blind or self._restarts_window:
             # `nav` may be later than the image, which can arrive after later IMU samples. An image from before the IMU
             # samples that are kept is skipped.
             if core.rewind_to(t_ns):
                 core.start(frame, core.nav.covariance.copy())
                 self._health = TRACKING if core.is_tracking else IMU_ONLY
+                self._restarts_window = False
             return
-        core.process_image(frame, core.inertial.is_stationary(t_ns))
+        is_resting = core.inertial.is_stationary(t_ns)
+        core.process_image(frame, is_resting)
+        if is_resting and self._clock is not None and not self._clock.is_settled:
+            self._resting_state = copy_of(core.nav)
         self._health = TRACKING if core.is_tracking else IMU_ONLY
         if not core.is_plausible:
             self._declare_lost()
+
+    def _corrects_clock(self, frame: CameraFrame) -> bool:
+        """Compares an image with the gyroscope; returns whether it has shown that the camera's clock is wrong.
+
+        The offset is then corrected, and the next image starts a new window. The state becomes that of the last rest
+        with the IMU's motion since, because the images in between were used at wrong times; without a rest in the
+        buffer it stays, less certain. The image itself is not used: its new time may be ahead of the IMU.
+        """
+        core, clock = self._core, self._clock
+        if clock is None or clock.is_settled:
+            return False
+        clock.add_image(frame.t_ns, frame.grey, frame.depth if self._parameters.method.uses_depth else None)
+        mount = core.window.calibration
+        shift_s = clock.find_shift(core.inertial, mount.R, float(mount.offset[0]))
+        if shift_s == 0.0:
+            return False
+        mount.offset[0] += shift_s
+        self._initializer.reset()
+        if self._health not in (TRACKING, IMU_ONLY):
+            return True
+        resting, now_ns = self._resting_state, int(core.nav.t_ns[0])
+        if resting is not None and core.inertial.covers(int(resting.t_ns[0])):
+            core.return_to(resting)
+        else:
+            core.nav.covariance[:] += np.diag(np.repeat(_WRONG_CLOCK_SD, 3) ** 2)
+            core.return_to(core.nav)
+        core.propagate(now_ns)
+        self._restarts_window = True
+        return True
 
     def _initialize(self, frame: CameraFrame) -> None:
         """Tries to start the odometry at an image, in one of three ways.
@@ -487,6 +532,7 @@ class Dvio:
         """
         nav, was_lost = self._core.nav, self._health == LOST
         self._health, self._init_start_ns = LOST, None
+        self._resting_state, self._restarts_window = None, False
         self._images.clear()
         self._initializer.reset()
         if was_lost:

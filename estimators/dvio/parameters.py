@@ -37,6 +37,10 @@ class DvioMethod:
     """Whether the noise of the IMU becomes larger where images show that it is (docs/dvio.md (15))."""
     level_ground: bool = True
     """Whether ground that looks level measures the tilt (docs/dvio.md (12))."""
+    clock_search: bool = True
+    """Whether the camera's clock is searched for in the first seconds of motion (docs/dvio.md (16))."""
+    force_scale: bool = True
+    """Whether the scale of the accelerometer is estimated from the size of gravity (docs/dvio.md (17))."""
     anchored: bool = True
     """Whether a point is aligned with the patch of its host frame, so that tracking does not drift."""
     steps: int = 1
@@ -127,6 +131,8 @@ _DVIO = DvioMethod(
     zero_velocity_updates=False,
     imu_noise_from_images=False,
     level_ground=False,
+    clock_search=False,
+    force_scale=False,
     anchored=False,
     steps=2,
 )

@@ -257,6 +257,10 @@ class SlidingWindow:
         # A state from before the samples that are kept could not be propagated any more.
         self._propagate(self._previous, self.inertial.oldest_retained_ns)
 
+    def return_to(self, state: NavState) -> None:
+        """Makes an earlier state `nav`, and the one from which `rewind_to` restarts; IMU samples must cover it."""
+        self.nav, self._previous = copy_of(state), copy_of(state)
+
     def rewind_to(self, t_ns: int) -> bool:
         """Sets `nav` to the state at an earlier time since the newest frame, by propagating `_previous` to it.
 
