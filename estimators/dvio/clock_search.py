@@ -26,19 +26,22 @@ _WINDOW_PX, _LEVELS, _STEPS = 13, 3, 10  # of the optical flow in it; it reaches
 _MAX_FORWARD_BACKWARD_PX = 0.5
 _UNKNOWN_INVERSE_DEPTH_PER_M = 0.3  # of points without measured depth
 _ROUNDS, _OUTLIER = 3, 3.0  # of the fit of a rotation, and the error in medians beyond which a point is left out
-_MAX_GAP_S = 0.12  # between two images of a pair
+_MAX_GAP_S = 0.12  # between two images
+_BASELINE_S = 0.09  # time over which corners are followed: the noise of a rate decreases with it
+_SPEED_SD_MPS = 1.5  # of the camera, before its images
+_FLOW_SD_PER_S = 0.005  # least noise of the motion of a corner
 _MEMORY_S = 4.0  # pairs of images that are compared; the IMU's samples reach back 6 s
 _STEP_S = 0.005  # between the shifts that are compared
 _MOST_S = 0.15  # farthest shift
-_EVERY = 3  # pairs of images between two comparisons
-_MIN_PAIRS = 12  # fewest pairs that are compared
+_EVERY = 1  # rotations between two comparisons
+_MIN_PAIRS = 5  # fewest rotations that are compared
 _ROTATION_CAP = 6.0  # squared differences count up to this many times their median
-_RATE_FLOOR_RADPS = 0.01  # smallest standard deviation of a difference of rates
-_CORRELATED = 3.0  # neighbouring differences that count as one
+_RATE_FLOOR_RADPS = 0.005  # standard deviation of a rate beyond that, for rolling shutter and moving things
+_CORRELATED = 1.5  # neighbouring differences that count as one
 _MAX_SD_S = 0.003  # of a shift that is taken
 _PEAK_S = 0.04  # farther from the best shift all must be worse, by `_WORSE` variances
-_WORSE = 25.0
-_SETTLED_SD_S, _SETTLED_S = 0.002, 0.006  # a clock this well known, and this near to the present one, is right
+_WORSE = 16.0
+_SETTLED_SD_S = 0.002  # a clock this well known, and near to the present one, is right
 MIN_OFF_S = 0.010
 """Smaller errors of the present clock are left to the window: a third of a frame."""
 
@@ -50,11 +53,13 @@ class ImageRotation(NamedTuple):
         start_ns: Time of the earlier image, by the camera's clock.
         end_ns: Time of the later one.
         rate: (3,) rad/s, in the camera's axes.
+        covariance: (3, 3) of it, (rad/s)².
     """
 
     start_ns: int
     end_ns: int
     rate: Array
+    covariance: Array
 
 
 class ClockFit(NamedTuple):
@@ -87,20 +92,22 @@ class ClockSearch:
         """Begins without images."""
         self._lens = lens
         self.is_settled = False
-        # the last image at half the resolution with its corners (N, 1, 2), px, and their inverse depths (N,), 1/m
+        # the last image at half the resolution, its time, and that of the image in which the corners were found
         self._grey: NDArray[np.uint8] | None = None
-        self._t_ns = 0
+        self._t_ns, self._start_ns = 0, 0
+        # corners where they were found, at `_start_ns`, and where they are in the last image: (N, 1, 2) px each
         self._corners: NDArray[np.float32] = np.zeros((0, 1, 2), np.float32)
-        self._pairs: deque[ImageRotation] = deque()
+        self._followed = self._corners
+        self._rotations: deque[ImageRotation] = deque()
         self._due = _EVERY  # pairs until the next comparison
 
     def restart(self) -> None:
         """Begins anew, as after a failure."""
         self.is_settled, self._grey = False, None
-        self._pairs.clear()
+        self._rotations.clear()
 
     def add_image(self, t_ns: int, grey: NDArray[np.uint8], depth: NDArray[np.float32] | None) -> None:
-        """Adds an image; the rotation since the one before joins the pairs.
+        """Follows the corners into an image; once per `_BASELINE_S` their motion gives a rotation, and new ones follow.
 
         Args:
             t_ns: Time by the camera's clock.
@@ -108,71 +115,72 @@ class ClockSearch:
             depth: (H, W) m, 0 where none, of the same instant; or None.
         """
         half = np.asarray(cv2.pyrDown(grey), np.uint8)
-        before, before_ns = self._grey, self._t_ns
-        if before is not None and 0 < (t_ns - before_ns) * 1e-9 < _MAX_GAP_S and len(self._corners) >= _MIN_POINTS:
-            rate = self._rotation_between(before, half, depth, (t_ns - before_ns) * 1e-9)
-            if rate is not None:
-                self._pairs.append(ImageRotation(start_ns=before_ns, end_ns=t_ns, rate=rate))
-                self._due -= 1
-        while self._pairs and (t_ns - self._pairs[0].start_ns) * 1e-9 > _MEMORY_S:
-            self._pairs.popleft()
-        corners = cv2.goodFeaturesToTrack(half, _POINTS, _QUALITY, _DISTANCE_PX)
-        self._corners = np.zeros((0, 1, 2), np.float32) if corners is None else np.asarray(corners, np.float32)
+        if self._grey is None or not 0 < (t_ns - self._t_ns) * 1e-9 < _MAX_GAP_S:
+            self._followed = self._corners[:0]
+        else:
+            self._follow(self._grey, half)
+        elapsed_s = (t_ns - self._start_ns) * 1e-9
+        if len(self._followed) < _MIN_POINTS or elapsed_s >= _BASELINE_S:
+            if len(self._followed) >= _MIN_POINTS:
+                fit = self._fit_rotation(depth, elapsed_s)
+                if fit is not None:
+                    self._rotations.append(ImageRotation(self._start_ns, t_ns, *fit))
+                    self._due -= 1
+            corners = cv2.goodFeaturesToTrack(half, _POINTS, _QUALITY, _DISTANCE_PX)
+            self._corners = np.zeros((0, 1, 2), np.float32) if corners is None else np.asarray(corners, np.float32)
+            self._followed, self._start_ns = self._corners.copy(), t_ns
+        while self._rotations and (t_ns - self._rotations[0].start_ns) * 1e-9 > _MEMORY_S:
+            self._rotations.popleft()
         self._grey, self._t_ns = half, t_ns
 
-    def find_shift(self, inertial: ImuBuffer, R_imu_camera: Array, offset_s: float) -> float:
-        """Correction of the camera's offset, s; 0 while there is none that is certain enough.
+    def _follow(self, before: NDArray[np.uint8], half: NDArray[np.uint8]) -> None:
+        """Follows the corners from the last image into a new one, both of half the resolution; lost ones are dropped."""
+        if not len(self._followed):
+            return
+        size, flags = (_WINDOW_PX, _WINDOW_PX), (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, _STEPS, 0.03)
+        start, options = self._followed, {"winSize": size, "maxLevel": _LEVELS, "criteria": flags}
+        tracked, status, _ = cv2.calcOpticalFlowPyrLK(before, half, start, None, **options)  # type: ignore[call-overload]
+        back, back_status, _ = cv2.calcOpticalFlowPyrLK(half, before, tracked, None, **options)  # type: ignore[call-overload]
+        good = (status[:, 0] > 0) & (back_status[:, 0] > 0)
+        good &= np.abs(back - start).max(axis=(1, 2)) < _MAX_FORWARD_BACKWARD_PX
+        self._corners, self._followed = self._corners[good], np.asarray(tracked[good], np.float32)
 
-        It sets `is_settled` once the present offset is known to be right.
+    def find_offset(self, inertial: ImuBuffer, R_imu_camera: Array, offset_s: float, first_offset_s: float) -> float:
+        """The camera's offset, s, if images have been used by one that was clearly wrong; otherwise `offset_s`.
+
+        It sets `is_settled` once the offset is known to have been right.
 
         Args:
             inertial: Samples of the gyroscope.
             R_imu_camera: (3, 3) IMU <- camera.
             offset_s: Present offset: the IMU's time less the camera's.
+            first_offset_s: That with which the window began, and by which its first images were used.
         """
-        if self._due > 0 or len(self._pairs) < _MIN_PAIRS:
-            return 0.0
+        if self._due > 0 or len(self._rotations) < _MIN_PAIRS:
+            return offset_s
         self._due = _EVERY
-        spans = np.array([(pair.start_ns, pair.end_ns) for pair in self._pairs], np.int64) + round(offset_s * 1e9)
-        rates = np.array([pair.rate for pair in self._pairs]) @ R_imu_camera.T
-        fit = fit_shift(spans, rates, inertial)
+        spans = np.array([(r.start_ns, r.end_ns) for r in self._rotations], np.int64)
+        rates = np.array([r.rate for r in self._rotations]) @ R_imu_camera.T
+        covariances = R_imu_camera @ np.array([r.covariance for r in self._rotations]) @ R_imu_camera.T
+        fit = fit_shift(spans + round(first_offset_s * 1e9), rates, covariances, inertial)
         if fit is None or fit.sd_s > _MAX_SD_S or not fit.is_unique:
-            return 0.0
+            return offset_s
         if abs(fit.shift_s) > MIN_OFF_S and fit.advantage > _WORSE:
-            return fit.shift_s
-        self.is_settled = fit.sd_s < _SETTLED_SD_S and abs(fit.shift_s) < _SETTLED_S
-        return 0.0
+            return first_offset_s + fit.shift_s
+        self.is_settled = fit.sd_s < _SETTLED_SD_S
+        return offset_s
 
-    def _rotation_between(
-        self, before: NDArray[np.uint8], half: NDArray[np.uint8], depth: NDArray[np.float32] | None, dt: float
-    ) -> Array | None:
-        """(3,) rad/s, mean rate of the camera between two images of half the resolution; None if it is undetermined."""
-        size, flags = (_WINDOW_PX, _WINDOW_PX), (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, _STEPS, 0.03)
-        start = self._corners
-        tracked, status, _ = cv2.calcOpticalFlowPyrLK(
-            before,
-            half,
-            start,
-            None,  # type: ignore[call-overload]
-            winSize=size,
-            maxLevel=_LEVELS,
-            criteria=flags,
-        )
-        back, back_status, _ = cv2.calcOpticalFlowPyrLK(
-            half,
-            before,
-            tracked,
-            None,  # type: ignore[call-overload]
-            winSize=size,
-            maxLevel=_LEVELS,
-            criteria=flags,
-        )
-        good = (status[:, 0] > 0) & (back_status[:, 0] > 0)
-        good &= np.abs(back - start).max(axis=(1, 2)) < _MAX_FORWARD_BACKWARD_PX
-        if good.sum() < _MIN_POINTS:
-            return None
+    def _fit_rotation(self, depth: NDArray[np.float32] | None, dt: float) -> tuple[Array, Array] | None:
+        """Mean rate of the camera (3,), rad/s, while the corners were followed for `dt`, and its covariance (3, 3).
+
+        None where it is undetermined.
+
+        Args:
+            depth: (H, W) m of the last image, 0 where none; or None.
+            dt: Time since the corners were found, s.
+        """
         # pixels of the whole resolution: pixel (0, 0) of the half one is centred on the whole one's
-        pixels = 2.0 * start[good, 0], 2.0 * tracked[good, 0]
+        pixels = 2.0 * self._corners[:, 0], 2.0 * self._followed[:, 0]
         at, moved = self._lens.to_normalized(pixels[0]), self._lens.to_normalized(pixels[1])
         middle = 0.5 * (at + moved)  # where the motion is that of a constant velocity, to second order
         inverse_depth = np.full(len(at), _UNKNOWN_INVERSE_DEPTH_PER_M)
@@ -186,8 +194,8 @@ class ClockSearch:
         return fit_rate(middle, (moved - at) / dt, inverse_depth)
 
 
-def fit_rate(at: Array, flow: Array, inverse_depth: Array) -> Array | None:
-    """(3,) rad/s, rate of a camera from the motion of resting points, by docs/dvio.md (14).
+def fit_rate(at: Array, flow: Array, inverse_depth: Array) -> tuple[Array, Array] | None:
+    """Rate of a camera from the motion of resting points, by docs/dvio.md (14).
 
     Velocity and rate are fitted together; points that move otherwise are left out.
 
@@ -197,29 +205,35 @@ def fit_rate(at: Array, flow: Array, inverse_depth: Array) -> Array | None:
         inverse_depth: (N,) 1/m.
 
     Returns:
-        None where too few points agree.
+        (3,) rad/s, and its covariance (3, 3), in which the velocity is unknown; None where too few points agree.
     """
     A, b = flow_matrix(at, inverse_depth), flow
     use = np.ones(len(at), bool)
-    x: Array = np.zeros(6)
+    x, error, prior = np.zeros(6), np.zeros(len(at)), np.diag([_SPEED_SD_MPS**-2] * 3 + [0.0] * 3)
+    noise = _FLOW_SD_PER_S
     for _ in range(_ROUNDS):
         if use.sum() < _MIN_POINTS:
             return None
-        x = np.linalg.lstsq(A[use].reshape(-1, 6), b[use].ravel(), rcond=None)[0]
+        M = A[use].reshape(-1, 6)
+        information = M.T @ M / noise**2 + prior
+        x = np.linalg.solve(information, M.T @ b[use].ravel() / noise**2)
         error = np.linalg.norm(b - A @ x, axis=1)
-        use = error <= _OUTLIER * np.median(error) + 1e-9
-    return x[3:]
+        noise = max(float(np.median(error[use])), _FLOW_SD_PER_S)
+        use = error <= _OUTLIER * noise
+    covariance = np.linalg.inv(information)[3:, 3:]
+    return x[3:], covariance + _RATE_FLOOR_RADPS**2 * np.eye(3)
 
 
-def fit_shift(spans: NDArray[np.int64], rates: Array, inertial: ImuBuffer) -> ClockFit | None:
+def fit_shift(spans: NDArray[np.int64], rates: Array, covariances: Array, inertial: ImuBuffer) -> ClockFit | None:
     """The shift of N intervals between images at which the gyroscope measures the rotation that they show.
 
-    It minimises J(s) = Σ |ω_k − ω̄(s) − b|², with ω̄ the mean rate of the gyroscope in the shifted interval and its
+    It minimises J(s) = Σ rᵀ Σ⁻¹ r of r = ω̄(s) − ω_k − b, with ω̄ the mean rate of the gyroscope in the shifted interval and its
     bias b: docs/dvio.md (16). The standard deviation is that of least squares, from the curvature of J.
 
     Args:
         spans: (N, 2) ns, begin and end of each interval on the IMU's clock, by the present offset.
         rates: (N, 3) rad/s, mean rates by the images in the IMU's axes.
+        covariances: (N, 3, 3) of these.
         inertial: Samples of the gyroscope.
 
     Returns:
@@ -231,7 +245,7 @@ def fit_shift(spans: NDArray[np.int64], rates: Array, inertial: ImuBuffer) -> Cl
     covered = (spans[:, 0] - most_ns >= t_ns[0]) & (spans[:, 1] + most_ns <= t_ns[-1])
     if covered.sum() < _MIN_PAIRS:
         return None
-    spans, rates = spans[covered], rates[covered]
+    spans, rates, weights = spans[covered], rates[covered], np.linalg.inv(covariances[covered])
     t = (t_ns - t_ns[0]) * 1e-9
     # (M, 3) rad, integral of the rates; a sample is the mean of the interval that ends with it
     angle = np.zeros((n, 3))
@@ -242,14 +256,14 @@ def fit_shift(spans: NDArray[np.int64], rates: Array, inertial: ImuBuffer) -> Cl
     by_gyro = (ends[:, :, 1] - ends[:, :, 0]) / (at[:, :, 1] - at[:, :, 0])[..., None]
     residual = by_gyro - rates
     residual -= np.median(residual, axis=1, keepdims=True)
-    squared = np.sum(residual**2, axis=2)  # (S, N)
+    squared = np.einsum("sni,nij,snj->sn", residual, weights, residual)
     best = int(np.argmin(np.mean(np.minimum(squared, _ROTATION_CAP * np.median(squared, axis=1, keepdims=True)), 1)))
     if best in (0, len(shifts) - 1):
         return None
-    cap = _ROTATION_CAP * max(float(np.median(squared[best])), 3.0 * _RATE_FLOOR_RADPS**2)
+    cap = _ROTATION_CAP * max(float(np.median(squared[best])), 3.0)
     J = np.minimum(squared, cap).sum(axis=1)
     best = int(np.clip(np.argmin(J), 1, len(shifts) - 2))
-    variance = _CORRELATED * max(float(J[best]) / (3 * len(rates)), _RATE_FLOOR_RADPS**2)  # of a component
+    variance = _CORRELATED * max(float(J[best]) / (3 * len(rates)), 1.0)  # of a component, over that assumed
     # parabola through the best shift and its neighbours but one: noise of one step does not count
     i = int(np.clip(best, 2, len(shifts) - 3))
     a, b, _ = np.polyfit(shifts[i - 2 : i + 3], J[i - 2 : i + 3], 2)

@@ -407,9 +407,8 @@ class Dvio:
                 self._health = TRACKING if core.is_tracking else IMU_ONLY
                 self._restarts_window = False
             return
-        is_resting = core.inertial.is_stationary(t_ns)
-        core.process_image(frame, is_resting)
-        if is_resting and self._clock is not None and not self._clock.is_settled:
+        core.process_image(frame, core.inertial.is_stationary(t_ns))
+        if core.is_resting and self._clock is not None and not self._clock.is_settled:
             self._resting_state = copy_of(core.nav)
         self._health = TRACKING if core.is_tracking else IMU_ONLY
         if not core.is_plausible:
@@ -427,10 +426,11 @@ class Dvio:
             return False
         clock.add_image(frame.t_ns, frame.grey, frame.depth if self._parameters.method.uses_depth else None)
         mount = core.window.calibration
-        shift_s = clock.find_shift(core.inertial, mount.R, float(mount.offset[0]))
-        if shift_s == 0.0:
+        offset_s = float(mount.offset[0])
+        found_s = clock.find_offset(core.inertial, mount.R, offset_s, core.first_offset_s)
+        if found_s == offset_s:
             return False
-        mount.offset[0] += shift_s
+        mount.offset[0] = core.first_offset_s = found_s
         self._initializer.reset()
         if self._health not in (TRACKING, IMU_ONLY):
             return True

@@ -86,6 +86,7 @@ class SlidingWindow:
         window: Frames, landmarks, calibration and prior.
         nav: State propagated by the IMU from the newest frame.
         seen: Number of observations in the newest frame.
+        first_offset_s: Offset of the camera's clock with which the window began, s.
     """
 
     def __init__(
@@ -120,6 +121,13 @@ class SlidingWindow:
         method = parameters.method
         self._level = LevelGround(parameters.level_ground_sd_rad, used=method.level_ground and method.uses_depth)
         self.seen = 0
+        self.first_offset_s = float(camera.timeshift_cam_imu_s)
+
+    @property
+    def is_resting(self) -> bool:
+        """Whether neither the IMU nor the images of the newest frame show a motion."""
+        f = self.window.frames
+        return bool(np.isfinite(f.zero_velocity_sd[f.count[0] - 1]))
 
     @property
     def is_tracking(self) -> bool:
@@ -143,6 +151,7 @@ class SlidingWindow:
         """
         w, prior = self.window, self.calibration_prior
         f, c = w.frames, w.calibration
+        self.first_offset_s = float(c.offset[0])
         self._alive[:] = 0  # no landmark is tracked
         w.landmarks.host[:], w.landmarks.seen[:] = NO_HOST, 0
         f.in_prior[:], f.count[0] = 0, 1
