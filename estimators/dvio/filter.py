@@ -13,6 +13,7 @@ import numpy as np
 from stridetwin.estimators.base import PATH, TRACKING, Declaration, Options, PathEstimate, Progress, Stream
 from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.clock_search import ClockSearch
+from stridetwin.estimators.dvio.force_scale import MIN_CHANGE, estimate_scale_error
 from stridetwin.estimators.dvio.initializer import Alignment, Initializer
 from stridetwin.estimators.dvio.nav_state import STATIONARY_S, NavState, copy_of
 from stridetwin.estimators.dvio.parameters import METHODS, DvioParameters, method_parameters
@@ -42,6 +43,8 @@ _LOST_SD = (0.5, 0.3, 1.0, 0.01, 0.1)
 # What a start in motion by a wrong clock may have got wrong, beside its covariance: position (m), attitude (rad),
 # velocity (m/s), as `_LOST_SD`.
 _WRONG_CLOCK_SD = (0.1, 0.05, 0.3, 0.01, 0.1)
+_SCALE_AFTER_S = 4.0  # after a start in motion the bias shows an error of the accelerometer's scale
+_MAX_BIAS_SD_MPS2 = 0.05  # of the bias along gravity, from which it counts
 LOST_WALK_M_RTS = 1.0
 """Growth of the position error while lost, because the wearer walks on."""
 
@@ -174,6 +177,8 @@ class Dvio:
         self._clock = ClockSearch(self._core.lens) if self._parameters.method.clock_search else None
         # the state at the last image at rest, which no clock can spoil; None before one
         self._resting_state: NavState | None = None
+        # time from which the bias shows an error of the accelerometer's scale; None: that is done
+        self._scale_due_ns: int | None = None
         self._restarts_window = False  # whether the next image starts a new window, because the clock was wrong
         self._camera_pose = self._camera_mount(0)
         # colour and depth images that wait for the IMU or for each other, oldest first
@@ -413,6 +418,24 @@ class Dvio:
         self._health = TRACKING if core.is_tracking else IMU_ONLY
         if not core.is_plausible:
             self._declare_lost()
+        elif self._health == TRACKING and self._scale_due_ns is not None and t_ns >= self._scale_due_ns:
+            self._correct_force_scale(frame)
+
+    def _correct_force_scale(self, frame: CameraFrame) -> None:
+        """Takes the part of the accelerometer's bias along gravity that is likelier an error of its scale as such.
+
+        Once after a start in motion, as soon as images have measured that bias. A new window begins if it matters.
+        """
+        core, nav = self._core, self._core.nav
+        up = nav.R[2]  # the world's z axis in the IMU's axes
+        if float(up @ nav.covariance[12:, 12:] @ up) > _MAX_BIAS_SD_MPS2**2:  # 12-14: bias of the accelerometer
+            return
+        self._scale_due_ns = None
+        error = core.correct_force_scale(float(nav.bias[3:] @ up), MIN_CHANGE)
+        if error != 0.0:
+            nav.bias[3:] -= error * self._parameters.gravity_mps2 * up
+            core.return_to(nav)
+            core.start(frame, nav.covariance.copy())
 
     def _corrects_clock(self, frame: CameraFrame) -> bool:
         """Compares an image with the gyroscope; returns whether it has shown that the camera's clock is wrong.
@@ -461,6 +484,7 @@ class Dvio:
             return
         if self._init_start_ns is None:
             self._init_start_ns = t_ns
+        self._scale_due_ns = t_ns + round(_SCALE_AFTER_S * 1e9)
         resting = core.inertial.is_stationary(t_ns)
         # The initializer needs every image of a moving sensor: it collects them until they align.
         if not resting and (alignment := self._initializer.process_image(frame)) is not None:
@@ -491,6 +515,9 @@ class Dvio:
         nav = self._core.nav
         position_covariance, heading_sd = self._start_uncertainty()
         nav.R[:] = _attitude_from_gravity(mean[3:], nav.R if self._health == LOST else None)
+        if resting:
+            self._core.correct_force_scale(float(np.linalg.norm(mean[3:])) - self._parameters.gravity_mps2)
+            self._scale_due_ns = None
         nav.v[:] = 0.0
         if resting:
             nav.bias[:3] = mean[:3]

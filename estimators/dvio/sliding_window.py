@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.estimators.dvio import kernel
+from stridetwin.estimators.dvio.force_scale import estimate_scale_error
 from stridetwin.estimators.dvio.imu_inflation import ImuInflation
 from stridetwin.estimators.dvio.level import LevelGround, covariance_of
 from stridetwin.estimators.dvio.mount_prior import MountPrior
@@ -97,6 +98,7 @@ class SlidingWindow:
         # factor on that noise, by images; priors of biases and calibration; samples; intrinsics; weights of the factors
         self.inflation = ImuInflation(self.noise)
         self.bias_sd, self.calibration_prior = bias_sd(imu), calibration_prior(parameters)
+        self._known_scale_sd = imu.accelerometer_scale_sd
         self.inertial = ImuBuffer(imu, parameters)
         self.lens = Lens(camera)
         self.factors = factor_parameters(parameters, self.lens.focal_px, self.noise)
@@ -265,6 +267,23 @@ class SlidingWindow:
         self._propagate(self.nav, until_ns)
         # A state from before the samples that are kept could not be propagated any more.
         self._propagate(self._previous, self.inertial.oldest_retained_ns)
+
+    def correct_force_scale(self, excess_mps2: float, least: float = 0.0) -> float:
+        """Corrects the scale of the accelerometer by an excess of force along gravity.
+
+        Args:
+            excess_mps2: Measured force less gravity at rest, or the estimated bias along gravity.
+            least: Smallest relative correction that is made.
+
+        Returns:
+            The relative correction, 0 where none is made.
+        """
+        p, scale_sd = self.parameters, self._known_scale_sd
+        error = estimate_scale_error(excess_mps2, p.gravity_mps2, float(self.bias_sd[3]), scale_sd)
+        if not p.method.force_scale or abs(error) < least:
+            return 0.0
+        self.inertial.rescale_forces(1.0 + error)
+        return error
 
     def return_to(self, state: NavState) -> None:
         """Makes an earlier state `nav`, and the one from which `rewind_to` restarts; IMU samples must cover it."""
