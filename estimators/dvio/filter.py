@@ -10,7 +10,7 @@ from typing import ClassVar
 import cv2
 import numpy as np
 
-from stridetwin.estimators.base import PATH, TRACKING, Declaration, Options, PathEstimate, Progress, Stream
+from stridetwin.estimators.base import DEPTH_ONLY, IMU_ONLY, LOST, PATH, TRACKING, Declaration, Options, PathEstimate, Progress, Stream
 from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.clock_search import ClockSearch
 from stridetwin.estimators.dvio.force_scale import MIN_CHANGE, estimate_scale_error
@@ -25,8 +25,8 @@ from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Depth, Image, Imu, Sample, copy_sample
 from stridetwin.streams.trajectory import Pose, trajectory_of
 
-IMU_ONLY, LOST = "imu_only", "lost"
 # Hand-chosen on tuning seeds.
+_RUNNING = (TRACKING, DEPTH_ONLY, IMU_ONLY)
 _SIMULTANEOUS_S = 0.012  # colour and depth closer in time: less than half a frame period at 30 Hz
 _MAX_IMU_GAP_S = 0.5  # a longer one causes a new start
 _MAX_BLIND_S = 3.0  # after this long without an image the window restarts at the state from the IMU alone
@@ -62,8 +62,8 @@ class DvioEstimate:
         v_imu_in_world: (3,) m/s, velocity of the IMU.
         gyro_bias: (3,) rad/s, estimated bias of the gyroscope.
         accel_bias: (3,) m/s², estimated bias of the accelerometer.
-        health: `tracking`; `imu_only`: dead reckoning, for lack of points or images; or `lost`: from a failure until a
-            new start. While lost, the pose is frozen and its covariance grows accordingly.
+        health: `tracking`; `depth_only`: images show too few points, but planes in the depth images hold the pose as
+            far as they constrain it; `imu_only`: dead reckoning; or `lost`: from a failure until a new start. While lost, the pose is frozen and its covariance grows accordingly.
     """
 
     t_ns: int
@@ -80,7 +80,7 @@ class DvioEstimate:
 
         Args:
             nav: The state; its time is that of the estimate.
-            health: `tracking`, `imu_only` or `lost`; the pose is valid unless lost.
+            health: `tracking`, `depth_only`, `imu_only` or `lost`; the pose is valid unless lost.
             camera_pose: Estimated mount of the camera.
             frame: Frame of the pose.
         """
@@ -187,7 +187,7 @@ class Dvio:
         self._last_ns: dict[str, int] = {}  # stamp of the last accepted image of each topic
         # time of the first image at which the present start was tried, on the IMU's clock; None: no start is going on
         self._init_start_ns: int | None = None
-        self._health = ""  # TRACKING, IMU_ONLY or LOST; "" before the first start
+        self._health = ""  # TRACKING, DEPTH_ONLY, IMU_ONLY or LOST; "" before the first start
         # the last plausible pose with its covariance, which is held while lost
         self._valid_p, self._valid_R, self._valid_covariance = np.zeros(3), np.eye(3), np.zeros((6, 6))
 
@@ -342,7 +342,7 @@ class Dvio:
         while (frame := self._take_due_image()) is not None:
             if self._corrects_clock(frame):
                 continue
-            if self._health in (TRACKING, IMU_ONLY):
+            if self._health in _RUNNING:
                 self._track(frame)
             else:
                 self._initialize(frame)
@@ -359,7 +359,7 @@ class Dvio:
             if core.is_plausible:
                 self._valid_p[:], self._valid_R[:] = core.nav.p, core.nav.R
                 self._valid_covariance[:] = core.nav.covariance[:6, :6]
-                if self._health == TRACKING and (sample.t_ns - core.newest_ns) * 1e-9 > self._max_imu_only_s:
+                if self._health != IMU_ONLY and (sample.t_ns - core.newest_ns) * 1e-9 > self._max_imu_only_s:
                     self._health = IMU_ONLY
             else:
                 self._declare_lost()
@@ -409,17 +409,23 @@ class Dvio:
             # samples that are kept is skipped.
             if core.rewind_to(t_ns):
                 core.start(frame, core.nav.covariance.copy())
-                self._health = TRACKING if core.is_tracking else IMU_ONLY
+                self._health = self._health_of_newest()
                 self._restarts_window = False
             return
         core.process_image(frame, core.inertial.is_stationary(t_ns))
         if core.is_resting and self._clock is not None and not self._clock.is_settled:
             self._resting_state = copy_of(core.nav)
-        self._health = TRACKING if core.is_tracking else IMU_ONLY
+        self._health = self._health_of_newest()
         if not core.is_plausible:
             self._declare_lost()
         elif self._health == TRACKING and self._scale_due_ns is not None and t_ns >= self._scale_due_ns:
             self._correct_force_scale(frame)
+
+    def _health_of_newest(self) -> str:
+        """How the newest frame is held: by points in the image, by planes in the depth image, or by the IMU alone."""
+        if self._core.is_tracking:
+            return TRACKING
+        return DEPTH_ONLY if self._core.is_held_by_depth else IMU_ONLY
 
     def _correct_force_scale(self, frame: CameraFrame) -> None:
         """Takes the part of the accelerometer's bias along gravity that is likelier an error of its scale as such.
@@ -455,7 +461,7 @@ class Dvio:
             return False
         mount.offset[0] = core.first_offset_s = found_s
         self._initializer.reset()
-        if self._health not in (TRACKING, IMU_ONLY):
+        if self._health not in _RUNNING:
             return True
         resting, now_ns = self._resting_state, int(core.nav.t_ns[0])
         if resting is not None and core.inertial.covers(int(resting.t_ns[0])):

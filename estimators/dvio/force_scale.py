@@ -12,7 +12,7 @@ import math
 # Hand-chosen on tuning seeds.
 WIDE_SCALE_SD = 0.03
 """Relative error of the scale of an accelerometer that is not as calibrated."""
-_WIDE_SHARE = 0.2  # of accelerometers, before any measurement
+_WIDE_SHARE = 0.5  # of accelerometers, before any measurement
 _MAX_SCALE_ERROR = 0.1  # a larger one is another failure
 MIN_CHANGE = 2e-3
 """Smaller corrections of a running odometry are not worth a new window."""

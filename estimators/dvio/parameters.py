@@ -37,6 +37,8 @@ class DvioMethod:
     """Whether the noise of the IMU becomes larger where images show that it is (docs/dvio.md (15))."""
     level_ground: bool = True
     """Whether ground that looks level measures the tilt (docs/dvio.md (12))."""
+    depth_links: bool = True
+    """Whether planes in depth images measure the motion while images show nothing (docs/dvio.md (18))."""
     clock_search: bool = True
     """Whether the camera's clock is searched for in the first seconds of motion (docs/dvio.md (16))."""
     force_scale: bool = True
@@ -131,6 +133,7 @@ _DVIO = DvioMethod(
     zero_velocity_updates=False,
     imu_noise_from_images=False,
     level_ground=False,
+    depth_links=False,
     clock_search=False,
     force_scale=False,
     anchored=False,
