@@ -26,7 +26,7 @@ from stridetwin.estimators.dvio.state import (
 from stridetwin.streams.samples import Array
 
 # share of the diagonal that Levenberg-Marquardt adds to it: at first, and the one above which it gives up
-_FIRST_DAMPING, _MOST_DAMPING = 1e-9, 1e2
+_FIRST_DAMPING, _MOST_DAMPING = 1e-13, 1e2
 
 
 class Work(NamedTuple):
