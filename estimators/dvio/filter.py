@@ -45,6 +45,9 @@ _LOST_SD = (0.5, 0.3, 1.0, 0.01, 0.1)
 _WRONG_CLOCK_SD = (0.1, 0.05, 0.3, 0.01, 0.1)
 _SCALE_AFTER_S = 4.0  # after a start in motion the bias shows an error of the accelerometer's scale
 _MAX_BIAS_SD_MPS2 = 0.05  # of the bias along gravity, from which it counts
+_RUNNING_SPEED_MPS = 6.0  # a faster wearer is an odometry that has failed already
+_STRAYED_NS = 100_000_000  # since when it has been one
+_STRAYED_SHARE = 0.5  # of the way since then, as standard deviation of the position
 LOST_WALK_M_RTS = 1.0
 """Growth of the position error while lost, because the wearer walks on."""
 
@@ -190,6 +193,8 @@ class Dvio:
         self._health = ""  # TRACKING, DEPTH_ONLY, IMU_ONLY or LOST; "" before the first start
         # the last plausible pose with its covariance, which is held while lost
         self._valid_p, self._valid_R, self._valid_covariance = np.zeros(3), np.eye(3), np.zeros((6, 6))
+        # the same while the speed was last one at which people move, and when that was
+        self._sensible_p, self._sensible_covariance, self._sensible_ns = np.zeros(3), np.zeros((6, 6)), 0
 
     @classmethod
     def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
@@ -359,6 +364,9 @@ class Dvio:
             if core.is_plausible:
                 self._valid_p[:], self._valid_R[:] = core.nav.p, core.nav.R
                 self._valid_covariance[:] = core.nav.covariance[:6, :6]
+                if core.nav.v @ core.nav.v < _RUNNING_SPEED_MPS**2:
+                    self._sensible_p[:], self._sensible_ns = core.nav.p, sample.t_ns
+                    self._sensible_covariance[:] = self._valid_covariance
                 if self._health != IMU_ONLY and (sample.t_ns - core.newest_ns) * 1e-9 > self._max_imu_only_s:
                     self._health = IMU_ONLY
             else:
@@ -560,7 +568,8 @@ class Dvio:
     def _declare_lost(self) -> None:
         """Declares a failure: the health becomes `lost` until a new start.
 
-        `nav` becomes the last valid pose at rest without biases, with a large covariance. Waiting images and what the
+        `nav` becomes the last valid pose at rest without biases, with a large covariance; where the speed was one at
+        which nobody moves, its position is the last one before that, and as uncertain as it has strayed since. Waiting images and what the
         initializer has collected are dropped. If the odometry is lost already, its state stays.
         """
         nav, was_lost = self._core.nav, self._health == LOST
@@ -574,6 +583,11 @@ class Dvio:
         nav.p[:], nav.R[:], nav.v[:], nav.bias[:] = self._valid_p, self._valid_R, 0.0, 0.0
         # `_LOST_SD` has a value per three axes of position, attitude, velocity and the two biases; 0-5 are the pose
         nav.covariance[:] = np.diag(np.repeat(_LOST_SD, 3) ** 2)
+        strayed = self._valid_p - self._sensible_p
+        if self._sensible_ns < int(nav.t_ns[0]) - _STRAYED_NS:
+            nav.p[:], self._valid_p[:] = self._sensible_p, self._sensible_p
+            self._valid_covariance[:] = self._sensible_covariance
+            nav.covariance[range(3), range(3)] += _STRAYED_SHARE**2 * float(strayed @ strayed)
         nav.covariance[:6, :6] += self._valid_covariance
 
 

@@ -1,0 +1,46 @@
+"""The scale of the accelerometer from the size of gravity."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stridetwin.estimators.dvio import Dvio, DvioMethod, DvioParameters
+from stridetwin.estimators.dvio.force_scale import estimate_scale_error
+from stridetwin.streams.samples import Imu
+from tests.estimators.dvio.test_dvio import errors
+from tests.estimators.dvio.wall import Wall, rig, swaying
+
+
+def test_a_small_excess_is_a_bias_and_a_large_one_a_scale():
+    error = [estimate_scale_error(x, 9.81, 0.1, 0.0) for x in (0.0, 0.05, 0.1, 0.2, 0.3, 0.4)]
+    assert error[0] == 0.0
+    assert np.all(np.diff(error) > 0)
+    share = np.array(error[1:]) * 9.81 / np.array([0.05, 0.1, 0.2, 0.3, 0.4])
+    assert np.all(np.diff(share) > 0)  # the larger, the likelier it is one of scale
+    assert share[0] < 0.4
+    assert share[-1] > 0.88
+
+
+@pytest.mark.parametrize("excess", [0.03, 0.2, 0.5])
+def test_the_sign_of_the_excess_is_that_of_the_scale(excess):
+    assert estimate_scale_error(-excess, 9.81, 0.1, 0.0) == -estimate_scale_error(excess, 9.81, 0.1, 0.0)
+
+
+def test_a_calibration_that_knows_of_a_scale_error_takes_it_sooner():
+    assert estimate_scale_error(0.1, 9.81, 0.1, 0.01) > estimate_scale_error(0.1, 9.81, 0.1, 0.0)
+
+
+@pytest.mark.parametrize("scale", [0.97, 1.03])
+def test_a_force_that_is_three_per_cent_off_is_found_at_rest(scale):
+    wall = Wall(swaying, 8.0, seed=8)
+    samples = [replace(s, specific_force=s.specific_force * scale) if isinstance(s, Imu) else s for s in wall.samples()]
+    off = {}
+    for corrects in (True, False):
+        odometry = Dvio(rig(), parameters=DvioParameters(method=DvioMethod(force_scale=corrects)))
+        made = [e for s in samples if (e := odometry.update(s)) is not None]
+        off[corrects] = float(np.abs(made[-1].accel_bias).max())
+    assert off[True] < 0.5 * off[False]
+    assert errors(wall, made).max() < 0.1
