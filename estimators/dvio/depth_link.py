@@ -192,7 +192,7 @@ def _keep_measured(information: Array) -> tuple[Array, Array]:
     unit = np.repeat([1.0, 1.0 / _LEVER_M], 3)  # scales rotations to lengths
     value, vector = np.linalg.eigh(information * np.outer(unit, unit))
     measured = value > _LEAST_SD**-2
-    scaled, inverse = vector * np.where(measured, value, 0.0), vector * np.where(measured, 1.0 / value, 0.0)
+    scaled, inverse = vector * np.where(measured, value, 0.0), vector * np.where(measured, 1.0 / np.maximum(value, 1e-12), 0.0)
     by = np.outer(1.0 / unit, 1.0 / unit)
     return scaled @ vector.T * by, inverse @ vector.T / by
 

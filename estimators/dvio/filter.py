@@ -13,7 +13,6 @@ import numpy as np
 from stridetwin.estimators.base import DEPTH_ONLY, IMU_ONLY, LOST, PATH, TRACKING, Declaration, Options, PathEstimate, Progress, Stream
 from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.clock_search import ClockSearch
-from stridetwin.estimators.dvio.force_scale import MIN_CHANGE, estimate_scale_error
 from stridetwin.estimators.dvio.initializer import Alignment, Initializer
 from stridetwin.estimators.dvio.nav_state import STATIONARY_S, NavState, copy_of
 from stridetwin.estimators.dvio.parameters import METHODS, DvioParameters, method_parameters
@@ -445,7 +444,7 @@ class Dvio:
         if float(up @ nav.covariance[12:, 12:] @ up) > _MAX_BIAS_SD_MPS2**2:  # 12-14: bias of the accelerometer
             return
         self._scale_due_ns = None
-        error = core.correct_force_scale(float(nav.bias[3:] @ up), MIN_CHANGE)
+        error = core.correct_force_scale(float(nav.bias[3:] @ up))
         if error != 0.0:
             nav.bias[3:] -= error * self._parameters.gravity_mps2 * up
             core.return_to(nav)

@@ -12,18 +12,16 @@ import math
 # Hand-chosen on tuning seeds.
 WIDE_SCALE_SD = 0.03
 """Relative error of the scale of an accelerometer that is not as calibrated."""
-_WIDE_SHARE = 0.5  # of accelerometers, before any measurement
+_WIDE_SHARE = 0.3  # of accelerometers, before any measurement
 _MAX_SCALE_ERROR = 0.1  # a larger one is another failure
-MIN_CHANGE = 2e-3
-"""Smaller corrections of a running odometry are not worth a new window."""
 
 
 def estimate_scale_error(excess_mps2: float, gravity_mps2: float, bias_sd_mps2: float, known_scale_sd: float) -> float:
-    """Expected relative error of an accelerometer's scale from the excess of its force at rest over gravity.
+    """Relative error of an accelerometer's scale, from the excess of its force at rest over gravity.
 
-    The excess is a bias plus the error of the scale. The scale is that of the calibration, of a known standard
-    deviation, or that of a part that is not as calibrated: a mixture of two normal distributions, whose shares follow
-    from the excess by Bayes' rule, as in docs/dvio.md (17).
+    The excess is a bias plus the error of the scale. Either the part is as calibrated, and a scale error of
+    `known_scale_sd` is left to the bias, whose prior it enters; or its scale is off by `WIDE_SCALE_SD`. Bayes' rule says
+    which is likelier, and only in the second case the scale is corrected: docs/dvio.md (17).
 
     Args:
         excess_mps2: Size of the mean force at rest less gravity.
@@ -32,14 +30,13 @@ def estimate_scale_error(excess_mps2: float, gravity_mps2: float, bias_sd_mps2: 
         known_scale_sd: Relative standard deviation of the scale as calibrated; 0 where it is exact or unknown.
 
     Returns:
-        The expectation, 0 without an excess.
+        The expected error of a part that is likelier not as calibrated, else 0.
     """
     excess = min(max(excess_mps2 / gravity_mps2, -_MAX_SCALE_ERROR), _MAX_SCALE_ERROR)
-    bias_variance, expected, total = (bias_sd_mps2 / gravity_mps2) ** 2, 0.0, 0.0
-    wide_sd = max(WIDE_SCALE_SD, known_scale_sd)
-    for share, scale_sd in ((1.0 - _WIDE_SHARE, known_scale_sd), (_WIDE_SHARE, wide_sd)):
-        variance = bias_variance + scale_sd**2
-        weight = share / math.sqrt(variance) * math.exp(-0.5 * excess**2 / variance)
-        expected += weight * excess * scale_sd**2 / variance
-        total += weight
-    return expected / total
+    bias_variance = (bias_sd_mps2 / gravity_mps2) ** 2
+    variances = bias_variance + known_scale_sd**2, bias_variance + max(WIDE_SCALE_SD, known_scale_sd) ** 2
+    as_calibrated, off = (
+        share / math.sqrt(variance) * math.exp(-0.5 * excess**2 / variance)
+        for share, variance in zip((1.0 - _WIDE_SHARE, _WIDE_SHARE), variances)
+    )
+    return excess * (1.0 - bias_variance / variances[1]) if off > as_calibrated else 0.0

@@ -320,19 +320,18 @@ class SlidingWindow:
         # A state from before the samples that are kept could not be propagated any more.
         self._propagate(self._previous, self.inertial.oldest_retained_ns)
 
-    def correct_force_scale(self, excess_mps2: float, least: float = 0.0) -> float:
+    def correct_force_scale(self, excess_mps2: float) -> float:
         """Corrects the scale of the accelerometer by an excess of force along gravity.
 
         Args:
             excess_mps2: Measured force less gravity at rest, or the estimated bias along gravity.
-            least: Smallest relative correction that is made.
 
         Returns:
             The relative correction, 0 where none is made.
         """
         p, scale_sd = self.parameters, self._known_scale_sd
         error = estimate_scale_error(excess_mps2, p.gravity_mps2, float(self.bias_sd[3]), scale_sd)
-        if not p.method.force_scale or abs(error) < least:
+        if not p.method.force_scale or error == 0.0:
             return 0.0
         self.inertial.rescale_forces(1.0 + error)
         return error

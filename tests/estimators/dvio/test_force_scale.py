@@ -15,22 +15,24 @@ from tests.estimators.dvio.wall import Wall, rig, swaying
 
 
 def test_a_small_excess_is_a_bias_and_a_large_one_a_scale():
-    error = [estimate_scale_error(x, 9.81, 0.1, 0.0) for x in (0.0, 0.05, 0.1, 0.2, 0.3, 0.4)]
-    assert error[0] == 0.0
-    assert np.all(np.diff(error) > 0)
-    share = np.array(error[1:]) * 9.81 / np.array([0.05, 0.1, 0.2, 0.3, 0.4])
-    assert np.all(np.diff(share) > 0)  # the larger, the likelier it is one of scale
-    assert share[0] < 0.4
-    assert share[-1] > 0.88
+    excess = np.linspace(0.0, 0.6, 61)
+    error = np.array([estimate_scale_error(x, 9.81, 0.1, 0.0) for x in excess])
+    first = int(np.flatnonzero(error)[0])
+    assert 0.15 < excess[first] < 0.25  # two standard deviations of the bias
+    assert (error[:first] == 0.0).all()
+    # the expectation of the scale, given the bias' own spread: 0.03² / (0.03² + 0.0102²)
+    np.testing.assert_allclose(error[first:], excess[first:] / 9.81 * 0.896, rtol=0.01)
 
 
-@pytest.mark.parametrize("excess", [0.03, 0.2, 0.5])
+@pytest.mark.parametrize("excess", [0.03, 0.3, 0.5])
 def test_the_sign_of_the_excess_is_that_of_the_scale(excess):
     assert estimate_scale_error(-excess, 9.81, 0.1, 0.0) == -estimate_scale_error(excess, 9.81, 0.1, 0.0)
 
 
-def test_a_calibration_that_knows_of_a_scale_error_takes_it_sooner():
-    assert estimate_scale_error(0.1, 9.81, 0.1, 0.01) > estimate_scale_error(0.1, 9.81, 0.1, 0.0)
+def test_a_part_of_uncertain_bias_or_scale_needs_a_larger_excess():
+    assert estimate_scale_error(0.25, 9.81, 0.1, 0.0) > 0.0
+    assert estimate_scale_error(0.25, 9.81, 0.2, 0.0) == 0.0
+    assert estimate_scale_error(0.25, 9.81, 0.1, 0.02) == 0.0
 
 
 @pytest.mark.parametrize("scale", [0.97, 1.03])
