@@ -209,14 +209,14 @@ def fit_rate(at: Array, flow: Array, inverse_depth: Array) -> tuple[Array, Array
     """
     A, b = flow_matrix(at, inverse_depth), flow
     use = np.ones(len(at), bool)
-    x, error, prior = np.zeros(6), np.zeros(len(at)), np.diag([_SPEED_SD_MPS**-2] * 3 + [0.0] * 3)
-    noise = _FLOW_SD_PER_S
+    x: Array = np.zeros(6)
+    prior, noise = np.diag([_SPEED_SD_MPS**-2] * 3 + [0.0] * 3), _FLOW_SD_PER_S
     for _ in range(_ROUNDS):
         if use.sum() < _MIN_POINTS:
             return None
         M = A[use].reshape(-1, 6)
         information = M.T @ M / noise**2 + prior
-        x = np.linalg.solve(information, M.T @ b[use].ravel() / noise**2)
+        x = np.asarray(np.linalg.solve(information, M.T @ b[use].ravel() / noise**2), float)
         error = np.linalg.norm(b - A @ x, axis=1)
         noise = max(float(np.median(error[use])), _FLOW_SD_PER_S)
         use = error <= _OUTLIER * noise

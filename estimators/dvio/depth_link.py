@@ -74,7 +74,8 @@ class PlaneReader:
             depth, self._rays, _CELL_SAMPLES, self._min_depth_m, self._sd, self._pi, self._weights
         )
         by = np.array([1.0 / (1.0 + c.focal[0]), 1.0 / (1.0 + c.focal[1]), 1.0]) / c.scale[0]
-        return Planes(pi=self._pi[:count] * by, covariance=np.linalg.inv(self._weights[:count]) * np.outer(by, by))
+        covariance: Array = np.linalg.inv(self._weights[:count]) * np.outer(by, by)
+        return Planes(pi=self._pi[:count] * by, covariance=covariance)
 
 
 def link_frames(
@@ -192,7 +193,10 @@ def _keep_measured(information: Array) -> tuple[Array, Array]:
     unit = np.repeat([1.0, 1.0 / _LEVER_M], 3)  # scales rotations to lengths
     value, vector = np.linalg.eigh(information * np.outer(unit, unit))
     measured = value > _LEAST_SD**-2
-    scaled, inverse = vector * np.where(measured, value, 0.0), vector * np.where(measured, 1.0 / np.maximum(value, 1e-12), 0.0)
+    scaled, inverse = (
+        vector * np.where(measured, value, 0.0),
+        vector * np.where(measured, 1.0 / np.maximum(value, 1e-12), 0.0),
+    )
     by = np.outer(1.0 / unit, 1.0 / unit)
     return scaled @ vector.T * by, inverse @ vector.T / by
 

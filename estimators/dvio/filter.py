@@ -10,7 +10,18 @@ from typing import ClassVar
 import cv2
 import numpy as np
 
-from stridetwin.estimators.base import DEPTH_ONLY, IMU_ONLY, LOST, PATH, TRACKING, Declaration, Options, PathEstimate, Progress, Stream
+from stridetwin.estimators.base import (
+    DEPTH_ONLY,
+    IMU_ONLY,
+    LOST,
+    PATH,
+    TRACKING,
+    Declaration,
+    Options,
+    PathEstimate,
+    Progress,
+    Stream,
+)
 from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.clock_search import ClockSearch
 from stridetwin.estimators.dvio.initializer import Alignment, Initializer
@@ -77,7 +88,9 @@ class DvioEstimate:
     health: str
 
     @classmethod
-    def of(cls, nav: NavState, health: str, camera_pose: Pose, frame: str = "") -> DvioEstimate:
+    def of(
+        cls, nav: NavState, health: str, camera_pose: Pose, frame: str = "", unmodelled: Array | None = None
+    ) -> DvioEstimate:
         """The estimate of a propagated state, as copies; `frame` names the IMU, such as `head/imu`.
 
         Args:
@@ -85,8 +98,11 @@ class DvioEstimate:
             health: `tracking`, `depth_only`, `imu_only` or `lost`; the pose is valid unless lost.
             camera_pose: Estimated mount of the camera.
             frame: Frame of the pose.
+            unmodelled: (3,) m², variance of the position beyond that of the state; None for none.
         """
-        t_ns = int(nav.t_ns[0])
+        t_ns, covariance = int(nav.t_ns[0]), kernel.pose_covariance(nav)
+        if unmodelled is not None:
+            covariance[range(3), range(3)] += unmodelled
         return cls(
             t_ns=t_ns,
             pose=Pose(
@@ -94,7 +110,7 @@ class DvioEstimate:
                 p_frame_in_world=nav.p.copy(),
                 rotation=nav.R.copy(),
                 frame=frame,
-                covariance=kernel.pose_covariance(nav),
+                covariance=covariance,
                 valid=health != LOST,
             ),
             camera_pose=camera_pose,
@@ -181,6 +197,7 @@ class Dvio:
         self._resting_state: NavState | None = None
         # time from which the bias shows an error of the accelerometer's scale; None: that is done
         self._scale_due_ns: int | None = None
+        self._way_m = 0.0  # horizontal way since the start
         self._restarts_window = False  # whether the next image starts a new window, because the clock was wrong
         self._camera_pose = self._camera_mount(0)
         # colour and depth images that wait for the IMU or for each other, oldest first
@@ -359,6 +376,7 @@ class Dvio:
             core.nav.covariance[range(3), range(3)] += LOST_WALK_M_RTS**2 * max(seconds, 0.0)
             core.nav.t_ns[0] = sample.t_ns
         else:
+            self._way_m += float(np.linalg.norm(core.nav.v[:2])) * (sample.t_ns - int(core.nav.t_ns[0])) * 1e-9
             core.propagate(sample.t_ns)
             if core.is_plausible:
                 self._valid_p[:], self._valid_R[:] = core.nav.p, core.nav.R
@@ -371,7 +389,18 @@ class Dvio:
             else:
                 self._declare_lost()
                 core.nav.t_ns[0] = sample.t_ns
-        return DvioEstimate.of(core.nav, self._health, self._camera_pose, self._frame)
+        return DvioEstimate.of(core.nav, self._health, self._camera_pose, self._frame, self._unmodelled_variance())
+
+    def _unmodelled_variance(self) -> Array | None:
+        """(3,) m², variance of the position by errors that all images share, docs/dvio.md (20); None for none.
+
+        The methods of others report their window's covariance.
+        """
+        p = self._parameters
+        if not p.method.level_ground:
+            return None
+        rest = p.rest_sd_m**2
+        return np.array([rest, rest, rest + (p.height_share_sd * self._way_m) ** 2])
 
     def _take_due_image(self) -> CameraFrame | None:
         """Takes the oldest waiting image, with its depth, out of the queues; None if there is none, or it must wait.
@@ -567,9 +596,9 @@ class Dvio:
     def _declare_lost(self) -> None:
         """Declares a failure: the health becomes `lost` until a new start.
 
-        `nav` becomes the last valid pose at rest without biases, with a large covariance; where the speed was one at
-        which nobody moves, its position is the last one before that, and as uncertain as it has strayed since. Waiting images and what the
-        initializer has collected are dropped. If the odometry is lost already, its state stays.
+        `nav` becomes the last valid pose at rest without biases, with a large covariance. Where the speed was one at
+        which nobody moves, its position is the last one before that, and as uncertain as it has strayed since. Waiting
+        images and what the initializer has collected are dropped. If the odometry is lost already, its state stays.
         """
         nav, was_lost = self._core.nav, self._health == LOST
         self._health, self._init_start_ns = LOST, None

@@ -19,9 +19,9 @@ _MAX_SCALE_ERROR = 0.1  # a larger one is another failure
 def estimate_scale_error(excess_mps2: float, gravity_mps2: float, bias_sd_mps2: float, known_scale_sd: float) -> float:
     """Relative error of an accelerometer's scale, from the excess of its force at rest over gravity.
 
-    The excess is a bias plus the error of the scale. Either the part is as calibrated, and a scale error of
-    `known_scale_sd` is left to the bias, whose prior it enters; or its scale is off by `WIDE_SCALE_SD`. Bayes' rule says
-    which is likelier, and only in the second case the scale is corrected: docs/dvio.md (17).
+    The excess is a bias plus the error of the scale. Either the part is as calibrated, and its scale error of
+    `known_scale_sd` is left to the bias; or its scale is off by `WIDE_SCALE_SD`. Bayes' rule says which is likelier,
+    and only in the second case the scale is corrected: docs/dvio.md (17).
 
     Args:
         excess_mps2: Size of the mean force at rest less gravity.

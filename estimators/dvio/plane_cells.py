@@ -78,9 +78,7 @@ def _fit_plane(s: Array, inverse: Array, plane: Array) -> bool:
 
 
 @njit(error_model="numpy", **INNER_KERNEL)
-def _sum_cells(
-    depth: NDArray[np.float32], rays: Array, side: int, min_depth_m: float, sd: float, cells: Array
-) -> None:
+def _sum_cells(depth: NDArray[np.float32], rays: Array, side: int, min_depth_m: float, sd: float, cells: Array) -> None:
     """Writes the sums of each cell, as `_SUMS` lists them, into `cells`.
 
     Entry 5 is the number of samples. It becomes 0, and the cell is not used, if too few samples have a depth, or if

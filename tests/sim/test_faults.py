@@ -12,7 +12,15 @@ from hypothesis import strategies as st
 
 from stridetwin.estimators import base
 from stridetwin.sim.faults.faults import POSES, FaultPlan, LooseStrap, arrivals, check_faults, plan_faults
-from stridetwin.sim.faults.image_faults import Darkness, DepthNoise, HighView, LensDirt, MirrorFloor, Occlusion, PasserBy
+from stridetwin.sim.faults.image_faults import (
+    Darkness,
+    DepthNoise,
+    HighView,
+    LensDirt,
+    MirrorFloor,
+    Occlusion,
+    PasserBy,
+)
 from stridetwin.sim.faults.sample_faults import (
     ClockJump,
     DeadCell,

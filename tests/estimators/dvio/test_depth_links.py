@@ -73,7 +73,7 @@ def test_the_information_is_that_of_the_noise():
 
 
 def test_a_floor_alone_leaves_the_way_along_it_to_the_imu():
-    link, T_imu, predicted = measured(ROOM[:1])
+    link, T_imu, _ = measured(ROOM[:1])
     assert link is not None
     normal = MOUNT[:3, :3] @ ROOM[0] / np.linalg.norm(ROOM[0])
     assert normal @ (link.dp - T_imu[:3, 3]) == pytest.approx(0.0, abs=2e-3)

@@ -229,7 +229,9 @@ def test_the_planes_of_an_image_are_those_of_its_samples(wall_per_m, first, seed
     count = from_python(plane_cells.read_planes)(depth, rays, plane_cells.SIDE, 0.3, sd, planes, weights)
     assert count == 2
     largest = np.zeros((1, 3))
-    assert from_python(plane_cells.read_planes)(depth, rays, plane_cells.SIDE, 0.3, sd, largest, np.zeros((1, 3, 3))) == 1
+    assert (
+        from_python(plane_cells.read_planes)(depth, rays, plane_cells.SIDE, 0.3, sd, largest, np.zeros((1, 3, 3))) == 1
+    )
     np.testing.assert_array_equal(largest[0], planes[0])
     assert not planes[2:].any()
     for k, true in enumerate((wall, floor) if first == 0 else (floor, wall)):
