@@ -25,7 +25,8 @@ from stridetwin.estimators.dvio.state import (
 )
 from stridetwin.streams.samples import Array
 
-# share of the diagonal that Levenberg-Marquardt adds to it: at first, and the one above which it gives up
+# Share of the diagonal that Levenberg-Marquardt adds to it: at first, and the one above which it gives up. The first
+# must be so small that it is no information on the absolute position: 1e-9 of the IMU's is that of 1 to 3 m.
 _FIRST_DAMPING, _MOST_DAMPING = 1e-13, 1e2
 
 
@@ -165,7 +166,7 @@ def minimise(window: WindowState, factors: FactorParameters, work: Work, steps: 
         new = _linearise(window, factors, work, n, n - 1, factors.host_depth)
         if new <= cost * (1.0 + 1e-9) + 1e-9:  # not higher, but for rounding
             done = cost - new < cost_tolerance * abs(cost)
-            cost, damping = new, max(0.1 * damping, 1e-12)
+            cost, damping = new, max(0.1 * damping, _FIRST_DAMPING)
             if done:
                 break
         else:  # the cost has increased: back to the state before the step

@@ -30,19 +30,15 @@ class DvioMethod:
     """Whether Jacobians of frames in the prior are kept at the first linearisation point (Huang et al. 2010)."""
     calibration: str = ALL
     """What is refined: `nominal` (nothing), `mount_and_clock`, or `all`: also the depth scale and the focal lengths,
-    and the mount with the heavy-tailed prior of docs/dvio.md (13)."""
+    the mount with the heavy-tailed prior of docs/dvio.md (13), a clock that is far off (16), and the scale of the
+    accelerometer (17)."""
     zero_velocity_updates: bool = True
     """Whether a stationary sensor is a measurement of the velocity."""
     imu_noise_from_images: bool = True
     """Whether the noise of the IMU becomes larger where images show that it is (docs/dvio.md (15))."""
     level_ground: bool = True
-    """Whether ground that looks level measures the tilt (docs/dvio.md (12))."""
-    depth_links: bool = True
-    """Whether planes in depth images measure the motion while images show nothing (docs/dvio.md (18))."""
-    clock_search: bool = True
-    """Whether the camera's clock is searched for in the first seconds of motion (docs/dvio.md (16))."""
-    force_scale: bool = True
-    """Whether the scale of the accelerometer is estimated from the size of gravity (docs/dvio.md (17))."""
+    """Whether planes in depth images are used: ground that looks level measures the tilt (docs/dvio.md (12)), and all
+    planes measure the motion where images show nothing (18)."""
     anchored: bool = True
     """Whether a point is aligned with the patch of its host frame, so that tracking does not drift."""
     steps: int = 1
@@ -54,6 +50,11 @@ class DvioMethod:
             if getattr(self, name) not in values:
                 raise ConfigError("DvioMethod", name, getattr(self, name), ", ".join(values))
         check_numbers("DvioMethod", {"steps": self.steps})
+
+    @property
+    def refines_all(self) -> bool:
+        """Whether every calibration is refined, also those that may be far off."""
+        return self.calibration == ALL
 
     @property
     def uses_depth(self) -> bool:
@@ -92,13 +93,6 @@ class DvioParameters:
     level_ground_sd_rad: float = 3e-3
     """How level ground is as built, rad: DIN 18202 allows 10 mm over 4 m. Its measured normal errs by 1 mrad.
     Doubled: + 5 %, and + 14 % of the height error."""
-    height_share_sd: float = 6e-4
-    """Share of the way by which the height drifts beyond the covariance of the window: every normal of the ground has
-    the same error of the depth camera, 0.3 to 0.9 mrad on tuning seeds. Only the reported covariance contains it.
-    Doubled: none of the errors, and a NEES of the height that is a quarter."""
-    rest_sd_m: float = 2.5e-3
-    """Motion of a person who stands that neither the IMU nor points show: the reported position is never more certain.
-    Ten millimetres a second for 0.25 s. Doubled: none of the errors."""
     gravity_mps2: float = NOMINAL_GRAVITY_MPS2
     """Local gravity, m/s²: 9.78 at the equator, 9.83 at the poles. With 9.83 instead of the walks' 9.81: + 3 %."""
     min_depth_m: float = 0.3
@@ -123,13 +117,7 @@ class DvioParameters:
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a value is out of range."""
-        may_be_zero = {
-            "height_share_sd",
-            "rest_sd_m",
-            "extrinsic_position_sd_m",
-            "extrinsic_rotation_sd_rad",
-            "time_offset_sd_s",
-        }
+        may_be_zero = {"extrinsic_position_sd_m", "extrinsic_rotation_sd_rad", "time_offset_sd_s"}
         check_numbers("DvioParameters", {n: v for n, v in vars(self).items() if n != "method"}, may_be_zero)
         if self.keyframes < 3:
             raise ConfigError("DvioParameters", "keyframes", self.keyframes, "a whole number ≥ 3")
@@ -146,9 +134,6 @@ _DVIO = DvioMethod(
     zero_velocity_updates=False,
     imu_noise_from_images=False,
     level_ground=False,
-    depth_links=False,
-    clock_search=False,
-    force_scale=False,
     anchored=False,
     steps=2,
 )

@@ -124,7 +124,7 @@ class SlidingWindow:
         self._rays = self.lens.to_normalized(at.reshape(-1, 2)).reshape(at.shape)
         self._measured_planes = np.zeros((_PLANES, 3)), np.zeros((_PLANES, 3, 3))
         # planes of the newest keyframe's depth image, with which those of later frames are compared in the dark
-        reads_planes = parameters.method.depth_links and parameters.method.uses_depth
+        reads_planes = parameters.method.level_ground and parameters.method.uses_depth
         self._plane_reader = (
             PlaneReader(self._rays, self._depth_range_m[0], parameters.inverse_depth_sd_per_m) if reads_planes else None
         )
@@ -331,7 +331,7 @@ class SlidingWindow:
         """
         p, scale_sd = self.parameters, self._known_scale_sd
         error = estimate_scale_error(excess_mps2, p.gravity_mps2, float(self.bias_sd[3]), scale_sd)
-        if not p.method.force_scale or error == 0.0:
+        if not p.method.refines_all or error == 0.0:
             return 0.0
         self.inertial.rescale_forces(1.0 + error)
         return error

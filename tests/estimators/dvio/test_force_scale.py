@@ -41,7 +41,8 @@ def test_a_force_that_is_three_per_cent_off_is_found_at_rest(scale):
     samples = [replace(s, specific_force=s.specific_force * scale) if isinstance(s, Imu) else s for s in wall.samples()]
     off = {}
     for corrects in (True, False):
-        odometry = Dvio(rig(), parameters=DvioParameters(method=DvioMethod(force_scale=corrects)))
+        calibration = "all" if corrects else "mount_and_clock"
+        odometry = Dvio(rig(), parameters=DvioParameters(method=DvioMethod(calibration=calibration)))
         made = [e for s in samples if (e := odometry.update(s)) is not None]
         off[corrects] = float(np.abs(made[-1].accel_bias).max())
     assert off[True] < 0.5 * off[False]
