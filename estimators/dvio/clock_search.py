@@ -134,7 +134,7 @@ class ClockSearch:
         self._grey, self._t_ns = half, t_ns
 
     def _follow(self, before: NDArray[np.uint8], half: NDArray[np.uint8]) -> None:
-        """Follows the corners from the last image into a new one, both of half the resolution; lost ones are dropped."""
+        """Follows the corners from the last image into a new one, both of half the resolution, and drops lost ones."""
         if not len(self._followed):
             return
         size, flags = (_WINDOW_PX, _WINDOW_PX), (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, _STEPS, 0.03)
@@ -227,8 +227,8 @@ def fit_rate(at: Array, flow: Array, inverse_depth: Array) -> tuple[Array, Array
 def fit_shift(spans: NDArray[np.int64], rates: Array, covariances: Array, inertial: ImuBuffer) -> ClockFit | None:
     """The shift of N intervals between images at which the gyroscope measures the rotation that they show.
 
-    It minimises J(s) = Σ rᵀ Σ⁻¹ r of r = ω̄(s) − ω_k − b, with ω̄ the mean rate of the gyroscope in the shifted interval and its
-    bias b: docs/dvio.md (16). The standard deviation is that of least squares, from the curvature of J.
+    It minimises J(s) = Σ rᵀ Σ⁻¹ r of r = ω̄(s) − ω_k − b, with ω̄ the mean rate of the gyroscope in the shifted interval
+    and its bias b: docs/dvio.md (16). The standard deviation is that of least squares, from the curvature of J.
 
     Args:
         spans: (N, 2) ns, begin and end of each interval on the IMU's clock, by the present offset.

@@ -74,7 +74,7 @@ class PlaneReader:
             depth, self._rays, _CELL_SAMPLES, self._min_depth_m, self._sd, self._pi, self._weights
         )
         by = np.array([1.0 / (1.0 + c.focal[0]), 1.0 / (1.0 + c.focal[1]), 1.0]) / c.scale[0]
-        covariance: Array = np.linalg.inv(self._weights[:count]) * np.outer(by, by)
+        covariance = np.asarray(np.linalg.inv(self._weights[:count]) * np.outer(by, by), float)
         return Planes(pi=self._pi[:count] * by, covariance=covariance)
 
 

@@ -80,7 +80,8 @@ class DvioEstimate:
         gyro_bias: (3,) rad/s, estimated bias of the gyroscope.
         accel_bias: (3,) m/s², estimated bias of the accelerometer.
         health: `tracking`; `depth_only`: images show too few points, but planes in the depth images hold the pose as
-            far as they constrain it; `imu_only`: dead reckoning; or `lost`: from a failure until a new start. While lost, the pose is frozen and its covariance grows accordingly.
+            far as they constrain it; `imu_only`: dead reckoning; or `lost`: from a failure until a new start. While
+            lost, the pose is frozen and its covariance grows accordingly.
     """
 
     t_ns: int
