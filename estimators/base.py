@@ -56,8 +56,10 @@ CAMERA_POSES = "/poses/camera"
 """Topic of the estimated pose of the camera in the frame of `POSES`, `Odometry`; without any, the nominal one holds."""
 TRACKING = "tracking"
 """Status of a pose that measurements of the surroundings support, as against dead reckoning."""
-DEPTH_ONLY, IMU_ONLY = "depth_only", "imu_only"
-"""Status of a pose that depth images hold while images show nothing, and of one that nothing but the IMU holds."""
+DEPTH_ONLY = "depth_only"
+"""Status of a pose that planes in depth images hold, where colour images show nothing: supported in some directions."""
+IMU_ONLY, LOST = "imu_only", "lost"
+"""Status of a pose by dead reckoning alone, and of one that is not valid."""
 FOOT_NAMES = {"l": "left", "r": "right"}
 """Name of each foot by its letter in topics and options."""
 

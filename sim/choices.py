@@ -43,6 +43,7 @@ FAULT_NAMES = (
     "occlusion",
     "lens_dirt",
     "passer_by",
+    "darkness",
     "depth_noise",
     "high_view",
     "mirror_floor",

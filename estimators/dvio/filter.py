@@ -10,10 +10,22 @@ from typing import ClassVar
 import cv2
 import numpy as np
 
-from stridetwin.estimators.base import PATH, TRACKING, Declaration, Options, PathEstimate, Progress, Stream
+from stridetwin.estimators.base import (
+    DEPTH_ONLY,
+    IMU_ONLY,
+    LOST,
+    PATH,
+    TRACKING,
+    Declaration,
+    Options,
+    PathEstimate,
+    Progress,
+    Stream,
+)
 from stridetwin.estimators.dvio import kernel
+from stridetwin.estimators.dvio.clock_search import ClockSearch
 from stridetwin.estimators.dvio.initializer import Alignment, Initializer
-from stridetwin.estimators.dvio.nav_state import STATIONARY_S, NavState
+from stridetwin.estimators.dvio.nav_state import STATIONARY_S, NavState, copy_of
 from stridetwin.estimators.dvio.parameters import METHODS, DvioParameters, method_parameters
 from stridetwin.estimators.dvio.sliding_window import STATIONARY_SPEED_SD_MPS, SlidingWindow
 from stridetwin.estimators.dvio.tracker import CameraFrame, Stereo, with_depth, with_stereo
@@ -23,8 +35,8 @@ from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Depth, Image, Imu, Sample, copy_sample
 from stridetwin.streams.trajectory import Pose, trajectory_of
 
-IMU_ONLY, LOST = "imu_only", "lost"
 # Hand-chosen on tuning seeds.
+_RUNNING = (TRACKING, DEPTH_ONLY, IMU_ONLY)
 _SIMULTANEOUS_S = 0.012  # colour and depth closer in time: less than half a frame period at 30 Hz
 _MAX_IMU_GAP_S = 0.5  # a longer one causes a new start
 _MAX_BLIND_S = 3.0  # after this long without an image the window restarts at the state from the IMU alone
@@ -35,9 +47,21 @@ _MEAN_FORCE_S = 1.0  # duration of that mean
 _MOVING_SPEED_SD_MPS, _MOVING_TILT_SD_RAD = 0.5, 0.15  # of a start by the mean force, in motion
 _RESTING_TILT_SD_RAD = 0.03  # of a stationary start
 _START_SD = 1e-4  # m and rad: the first position and heading define the world
+# Share of the way by which the height drifts beyond the window's covariance: all normals of the ground have the same
+# error of the depth camera, 0.3 to 0.9 mrad on tuning seeds.
+_HEIGHT_SHARE_SD = 6e-4
+_REST_SD_M = 2.5e-3  # slow motion of a standing person that shows nowhere: 10 mm/s for 0.25 s
 # After a failure: position (m) and attitude (rad) in addition to the previous uncertainty, velocity (m/s), and biases
 # of gyroscope (rad/s) and accelerometer (m/s²).
 _LOST_SD = (0.5, 0.3, 1.0, 0.01, 0.1)
+# What a start in motion by a wrong clock may have got wrong, beside its covariance: position (m), attitude (rad),
+# velocity (m/s), as `_LOST_SD`.
+_WRONG_CLOCK_SD = (0.1, 0.05, 0.3, 0.01, 0.1)
+_SCALE_AFTER_S = 4.0  # after a start in motion the bias shows an error of the accelerometer's scale
+_MAX_BIAS_SD_MPS2 = 0.05  # of the bias along gravity, from which it counts
+_RUNNING_SPEED_MPS = 6.0  # a faster wearer is an odometry that has failed already
+_STRAYED_NS = 100_000_000  # since when it has been one
+_STRAYED_SHARE = 0.5  # of the way since then, as standard deviation of the position
 LOST_WALK_M_RTS = 1.0
 """Growth of the position error while lost, because the wearer walks on."""
 
@@ -55,8 +79,9 @@ class DvioEstimate:
         v_imu_in_world: (3,) m/s, velocity of the IMU.
         gyro_bias: (3,) rad/s, estimated bias of the gyroscope.
         accel_bias: (3,) m/s², estimated bias of the accelerometer.
-        health: `tracking`; `imu_only`: dead reckoning, for lack of points or images; or `lost`: from a failure until a
-            new start. While lost, the pose is frozen and its covariance grows accordingly.
+        health: `tracking`; `depth_only`: images show too few points, but planes in the depth images hold the pose as
+            far as they constrain it; `imu_only`: dead reckoning; or `lost`: from a failure until a new start. While
+            lost, the pose is frozen and its covariance grows accordingly.
     """
 
     t_ns: int
@@ -68,16 +93,21 @@ class DvioEstimate:
     health: str
 
     @classmethod
-    def of(cls, nav: NavState, health: str, camera_pose: Pose, frame: str = "") -> DvioEstimate:
+    def of(
+        cls, nav: NavState, health: str, camera_pose: Pose, frame: str = "", unmodelled: Array | None = None
+    ) -> DvioEstimate:
         """The estimate of a propagated state, as copies; `frame` names the IMU, such as `head/imu`.
 
         Args:
             nav: The state; its time is that of the estimate.
-            health: `tracking`, `imu_only` or `lost`; the pose is valid unless lost.
+            health: `tracking`, `depth_only`, `imu_only` or `lost`; the pose is valid unless lost.
             camera_pose: Estimated mount of the camera.
             frame: Frame of the pose.
+            unmodelled: (3,) m², variance of the position beyond that of the state; None for none.
         """
-        t_ns = int(nav.t_ns[0])
+        t_ns, covariance = int(nav.t_ns[0]), kernel.pose_covariance(nav)
+        if unmodelled is not None:
+            covariance[range(3), range(3)] += unmodelled
         return cls(
             t_ns=t_ns,
             pose=Pose(
@@ -85,7 +115,7 @@ class DvioEstimate:
                 p_frame_in_world=nav.p.copy(),
                 rotation=nav.R.copy(),
                 frame=frame,
-                covariance=kernel.pose_covariance(nav),
+                covariance=covariance,
                 valid=health != LOST,
             ),
             camera_pose=camera_pose,
@@ -166,6 +196,14 @@ class Dvio:
         # the window of frames, its buffer of IMU samples (`inertial`) and the state propagated with them (`nav`)
         self._core = SlidingWindow(camera, imu, T_imu_camera, self._parameters)
         self._initializer = Initializer(self._core)  # collects images for a start in motion
+        # compares images with the gyroscope until the camera's clock is known; None for methods that trust it
+        self._clock = ClockSearch(self._core.lens) if self._parameters.method.refines_all else None
+        # the state at the last image at rest, which no clock can spoil; None before one
+        self._resting_state: NavState | None = None
+        # time from which the bias shows an error of the accelerometer's scale; None: that is done
+        self._scale_due_ns: int | None = None
+        self._way_m = 0.0  # horizontal way since the start
+        self._restarts_window = False  # whether the next image starts a new window, because the clock was wrong
         self._camera_pose = self._camera_mount(0)
         # colour and depth images that wait for the IMU or for each other, oldest first
         self._images: deque[Image] = deque(maxlen=MAX_WAITING_IMAGES)
@@ -173,9 +211,11 @@ class Dvio:
         self._last_ns: dict[str, int] = {}  # stamp of the last accepted image of each topic
         # time of the first image at which the present start was tried, on the IMU's clock; None: no start is going on
         self._init_start_ns: int | None = None
-        self._health = ""  # TRACKING, IMU_ONLY or LOST; "" before the first start
+        self._health = ""  # TRACKING, DEPTH_ONLY, IMU_ONLY or LOST; "" before the first start
         # the last plausible pose with its covariance, which is held while lost
         self._valid_p, self._valid_R, self._valid_covariance = np.zeros(3), np.eye(3), np.zeros((6, 6))
+        # the same while the speed was last one at which people move, and when that was
+        self._sensible_p, self._sensible_covariance, self._sensible_ns = np.zeros(3), np.zeros((6, 6)), 0
 
     @classmethod
     def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
@@ -326,7 +366,9 @@ class Dvio:
         if self._health and core.inertial.gap_s() > _MAX_IMU_GAP_S:  # samples are missing before this one
             self._declare_lost()
         while (frame := self._take_due_image()) is not None:
-            if self._health in (TRACKING, IMU_ONLY):
+            if self._corrects_clock(frame):
+                continue
+            if self._health in _RUNNING:
                 self._track(frame)
             else:
                 self._initialize(frame)
@@ -339,16 +381,29 @@ class Dvio:
             core.nav.covariance[range(3), range(3)] += LOST_WALK_M_RTS**2 * max(seconds, 0.0)
             core.nav.t_ns[0] = sample.t_ns
         else:
+            self._way_m += float(np.linalg.norm(core.nav.v[:2])) * (sample.t_ns - int(core.nav.t_ns[0])) * 1e-9
             core.propagate(sample.t_ns)
             if core.is_plausible:
                 self._valid_p[:], self._valid_R[:] = core.nav.p, core.nav.R
                 self._valid_covariance[:] = core.nav.covariance[:6, :6]
-                if self._health == TRACKING and (sample.t_ns - core.newest_ns) * 1e-9 > self._max_imu_only_s:
+                if core.nav.v @ core.nav.v < _RUNNING_SPEED_MPS**2:
+                    self._sensible_p[:], self._sensible_ns = core.nav.p, sample.t_ns
+                    self._sensible_covariance[:] = self._valid_covariance
+                if self._health != IMU_ONLY and (sample.t_ns - core.newest_ns) * 1e-9 > self._max_imu_only_s:
                     self._health = IMU_ONLY
             else:
                 self._declare_lost()
                 core.nav.t_ns[0] = sample.t_ns
-        return DvioEstimate.of(core.nav, self._health, self._camera_pose, self._frame)
+        return DvioEstimate.of(core.nav, self._health, self._camera_pose, self._frame, self._unmodelled_variance())
+
+    def _unmodelled_variance(self) -> Array | None:
+        """(3,) m², variance of the position by errors that all images share, docs/dvio.md (20); None for none.
+
+        The methods of others report their window's covariance.
+        """
+        if not self._parameters.method.level_ground:
+            return None
+        return np.array([0.0, 0.0, (_HEIGHT_SHARE_SD * self._way_m) ** 2]) + _REST_SD_M**2
 
     def _take_due_image(self) -> CameraFrame | None:
         """Takes the oldest waiting image, with its depth, out of the queues; None if there is none, or it must wait.
@@ -387,17 +442,75 @@ class Dvio:
         t_ns, newest_frame_ns = core.imu_time(frame.t_ns), core.newest_ns  # both on the IMU's clock
         if t_ns <= newest_frame_ns:
             return
-        if (t_ns - newest_frame_ns) * 1e-9 > _MAX_BLIND_S or not core.is_imu_complete:
+        is_blind = (t_ns - newest_frame_ns) * 1e-9 > _MAX_BLIND_S or not core.is_imu_complete
+        if is_blind or self._restarts_window:
             # `nav` may be later than the image, which can arrive after later IMU samples. An image from before the IMU
             # samples that are kept is skipped.
             if core.rewind_to(t_ns):
                 core.start(frame, core.nav.covariance.copy())
-                self._health = TRACKING if core.is_tracking else IMU_ONLY
+                self._health = self._health_of_newest()
+                self._restarts_window = False
             return
         core.process_image(frame, core.inertial.is_stationary(t_ns))
-        self._health = TRACKING if core.is_tracking else IMU_ONLY
+        if core.is_resting and self._clock is not None and not self._clock.is_settled:
+            self._resting_state = copy_of(core.nav)
+        self._health = self._health_of_newest()
         if not core.is_plausible:
             self._declare_lost()
+        elif self._health == TRACKING and self._scale_due_ns is not None and t_ns >= self._scale_due_ns:
+            self._correct_force_scale(frame)
+
+    def _health_of_newest(self) -> str:
+        """How the newest frame is held: by points in the image, by planes in the depth image, or by the IMU alone."""
+        if self._core.is_tracking:
+            return TRACKING
+        return DEPTH_ONLY if self._core.is_held_by_depth else IMU_ONLY
+
+    def _correct_force_scale(self, frame: CameraFrame) -> None:
+        """Takes the part of the accelerometer's bias along gravity that is likelier an error of its scale as such.
+
+        Once after a start in motion, as soon as images have measured that bias. A new window begins if it matters.
+        """
+        core, nav = self._core, self._core.nav
+        up = nav.R[2]  # the world's z axis in the IMU's axes
+        if float(up @ nav.covariance[12:, 12:] @ up) > _MAX_BIAS_SD_MPS2**2:  # 12-14: bias of the accelerometer
+            return
+        self._scale_due_ns = None
+        error = core.correct_force_scale(float(nav.bias[3:] @ up))
+        if error != 0.0:
+            nav.bias[3:] -= error * self._parameters.gravity_mps2 * up
+            core.return_to(nav)
+            core.start(frame, nav.covariance.copy())
+
+    def _corrects_clock(self, frame: CameraFrame) -> bool:
+        """Compares an image with the gyroscope; returns whether it has shown that the camera's clock is wrong.
+
+        The offset is then corrected, and the next image starts a new window. The state becomes that of the last rest
+        with the IMU's motion since, because the images in between were used at wrong times; without a rest in the
+        buffer it stays, less certain. The image itself is not used: its new time may be ahead of the IMU.
+        """
+        core, clock = self._core, self._clock
+        if clock is None or clock.is_settled:
+            return False
+        clock.add_image(frame.t_ns, frame.grey, frame.depth if self._parameters.method.uses_depth else None)
+        mount = core.window.calibration
+        offset_s = float(mount.offset[0])
+        found_s = clock.find_offset(core.inertial, mount.R, offset_s, core.first_offset_s)
+        if found_s == offset_s:
+            return False
+        mount.offset[0] = core.first_offset_s = found_s
+        self._initializer.reset()
+        if self._health not in _RUNNING:
+            return True
+        resting, now_ns = self._resting_state, int(core.nav.t_ns[0])
+        if resting is not None and core.inertial.covers(int(resting.t_ns[0])):
+            core.return_to(resting)
+        else:
+            core.nav.covariance[:] += np.diag(np.repeat(_WRONG_CLOCK_SD, 3) ** 2)
+            core.return_to(core.nav)
+        core.propagate(now_ns)
+        self._restarts_window = True
+        return True
 
     def _initialize(self, frame: CameraFrame) -> None:
         """Tries to start the odometry at an image, in one of three ways.
@@ -416,6 +529,7 @@ class Dvio:
             return
         if self._init_start_ns is None:
             self._init_start_ns = t_ns
+        self._scale_due_ns = t_ns + round(_SCALE_AFTER_S * 1e9)
         resting = core.inertial.is_stationary(t_ns)
         # The initializer needs every image of a moving sensor: it collects them until they align.
         if not resting and (alignment := self._initializer.process_image(frame)) is not None:
@@ -446,6 +560,9 @@ class Dvio:
         nav = self._core.nav
         position_covariance, heading_sd = self._start_uncertainty()
         nav.R[:] = _attitude_from_gravity(mean[3:], nav.R if self._health == LOST else None)
+        if resting:
+            self._core.correct_force_scale(float(np.linalg.norm(mean[3:])) - self._parameters.gravity_mps2)
+            self._scale_due_ns = None
         nav.v[:] = 0.0
         if resting:
             nav.bias[:3] = mean[:3]
@@ -482,11 +599,13 @@ class Dvio:
     def _declare_lost(self) -> None:
         """Declares a failure: the health becomes `lost` until a new start.
 
-        `nav` becomes the last valid pose at rest without biases, with a large covariance. Waiting images and what the
-        initializer has collected are dropped. If the odometry is lost already, its state stays.
+        `nav` becomes the last valid pose at rest without biases, with a large covariance. Where the speed was one at
+        which nobody moves, its position is the last one before that, and as uncertain as it has strayed since. Waiting
+        images and what the initializer has collected are dropped. If the odometry is lost already, its state stays.
         """
         nav, was_lost = self._core.nav, self._health == LOST
         self._health, self._init_start_ns = LOST, None
+        self._resting_state, self._restarts_window = None, False
         self._images.clear()
         self._initializer.reset()
         if was_lost:
@@ -495,6 +614,11 @@ class Dvio:
         nav.p[:], nav.R[:], nav.v[:], nav.bias[:] = self._valid_p, self._valid_R, 0.0, 0.0
         # `_LOST_SD` has a value per three axes of position, attitude, velocity and the two biases; 0-5 are the pose
         nav.covariance[:] = np.diag(np.repeat(_LOST_SD, 3) ** 2)
+        strayed = self._valid_p - self._sensible_p
+        if self._sensible_ns < int(nav.t_ns[0]) - _STRAYED_NS:
+            nav.p[:], self._valid_p[:] = self._sensible_p, self._sensible_p
+            self._valid_covariance[:] = self._sensible_covariance
+            nav.covariance[range(3), range(3)] += _STRAYED_SHARE**2 * float(strayed @ strayed)
         nav.covariance[:6, :6] += self._valid_covariance
 
 

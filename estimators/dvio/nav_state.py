@@ -185,6 +185,7 @@ class ImuBuffer:
         invalid: (M,) 1 where a sample is invalid.
         count: Number of samples in the buffer.
         period_s: Nominal time between two samples.
+        force_scale: Estimated ratio of measured to true force, by which the stored forces are divided already.
     """
 
     def __init__(self, calibration: ImuCalibration, parameters: DvioParameters) -> None:
@@ -197,6 +198,7 @@ class ImuBuffer:
         self.invalid = np.zeros(2 * self._half, np.uint8)
         self.count = 0
         self.period_s = 1.0 / calibration.rate_hz
+        self.force_scale = 1.0
         ranges = (calibration.gyroscope_range or np.inf, calibration.accelerometer_range or np.inf)
         # (6,) beyond the first a value counts as saturated, beyond the second the sample is rejected
         self._limit = np.repeat(ranges, 3) * _SATURATED_SHARE
@@ -215,6 +217,7 @@ class ImuBuffer:
         size = np.abs(x)
         if not (size <= self._largest).all():  # also where a value is NaN
             return False
+        x[3:] /= self.force_scale
         half = self._half
         # a full buffer drops its older half: the newer half moves to the front
         if self.count == 2 * half:
@@ -228,6 +231,11 @@ class ImuBuffer:
         self.invalid[i] = missing or bool((size >= self._limit).any())
         self.count += 1
         return True
+
+    def rescale_forces(self, factor: float) -> None:
+        """Multiplies `force_scale` by a factor, and corrects the forces of the stored samples."""
+        self.force_scale *= factor
+        self.samples[: self.count, 3:] /= factor
 
     @property
     def imu_samples(self) -> ImuSamples:

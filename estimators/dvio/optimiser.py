@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.estimators.dvio import kernel
+from stridetwin.estimators.dvio.depth_link import DepthLink, add_depth_links
 from stridetwin.estimators.dvio.landmarks import CameraEquations, blank_camera_equations, rehost
 from stridetwin.estimators.dvio.projection import Views, blank_views
 from stridetwin.estimators.dvio.state import (
@@ -24,8 +25,9 @@ from stridetwin.estimators.dvio.state import (
 )
 from stridetwin.streams.samples import Array
 
-# share of the diagonal that Levenberg-Marquardt adds to it: at first, and the one above which it gives up
-_FIRST_DAMPING, _MOST_DAMPING = 1e-9, 1e2
+# Share of the diagonal that Levenberg-Marquardt adds to it: at first, and the one above which it gives up. The first
+# must be so small that it is no information on the absolute position: 1e-9 of the IMU's is that of 1 to 3 m.
+_FIRST_DAMPING, _MOST_DAMPING = 1e-13, 1e2
 
 
 class Work(NamedTuple):
@@ -39,6 +41,7 @@ class Work(NamedTuple):
         camera: Camera factors.
         views: Cameras of the frames.
         saved: Copies of the arrays of `_state_arrays`, before a step.
+        links: Per frame the motion to the next one by depth alone, None where images show it.
     """
 
     H: Array
@@ -48,6 +51,7 @@ class Work(NamedTuple):
     camera: CameraEquations
     views: Views
     saved: list[Array]
+    links: list[DepthLink | None]
 
 
 def blank_work(window: WindowState) -> Work:
@@ -62,6 +66,7 @@ def blank_work(window: WindowState) -> Work:
         camera=blank_camera_equations(frames, landmarks),
         views=blank_views(frames),
         saved=[a.copy() for a in _state_arrays(window)],
+        links=[None] * frames,
     )
 
 
@@ -125,6 +130,7 @@ def _linearise(
     work.H[:size, :size], work.b[:] = prior.H[:size, :size], prior.b - by_prior
     cost = d @ (0.5 * by_prior - prior.b)  # Zhao 2023 (6), up to a constant
     cost += kernel.add_imu_factors(window, factors, frames, work.H, work.b)
+    cost += add_depth_links(window, work.links, factors.first_estimates, frames, work.H, work.b)
     cost += kernel.add_camera_factors(
         window, factors, work.views, work.camera, frames, last, host_depth, work.H, work.b
     )
@@ -160,7 +166,7 @@ def minimise(window: WindowState, factors: FactorParameters, work: Work, steps: 
         new = _linearise(window, factors, work, n, n - 1, factors.host_depth)
         if new <= cost * (1.0 + 1e-9) + 1e-9:  # not higher, but for rounding
             done = cost - new < cost_tolerance * abs(cost)
-            cost, damping = new, max(0.1 * damping, 1e-12)
+            cost, damping = new, max(0.1 * damping, _FIRST_DAMPING)
             if done:
                 break
         else:  # the cost has increased: back to the state before the step
@@ -243,11 +249,14 @@ def eliminate_oldest(H: Array, b: Array) -> tuple[Array, Array]:
     return reduced + np.tril(reduced, -1).T, b[remaining] - gain @ b[oldest]
 
 
-def drop_oldest(window: WindowState) -> None:
+def drop_oldest(window: WindowState, links: list[DepthLink | None]) -> None:
     """Removes the oldest frame: moves the arrays of all later slots one slot to the front.
 
-    No landmark may be hosted by it any more (`marginalize_oldest` moves them to another frame or drops them).
+    No landmark may be hosted by it any more (`marginalize_oldest` moves them to another frame or drops them). `links`
+    are those of `Work`.
     """
+    links.append(links.pop(0))
+    links[-1] = None
     frames, marks = window.frames, window.landmarks
     n = int(frames.count[0])
     for a in (*frames[1:], *window.preintegrations):  # `frames[0]` is the number of frames in use

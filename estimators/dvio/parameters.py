@@ -30,13 +30,15 @@ class DvioMethod:
     """Whether Jacobians of frames in the prior are kept at the first linearisation point (Huang et al. 2010)."""
     calibration: str = ALL
     """What is refined: `nominal` (nothing), `mount_and_clock`, or `all`: also the depth scale and the focal lengths,
-    and the mount with the heavy-tailed prior of docs/dvio.md (13)."""
+    the mount with the heavy-tailed prior of docs/dvio.md (13), a clock that is far off, docs/dvio.md (16), and the
+    scale of the accelerometer, docs/dvio.md (17)."""
     zero_velocity_updates: bool = True
     """Whether a stationary sensor is a measurement of the velocity."""
     imu_noise_from_images: bool = True
     """Whether the noise of the IMU becomes larger where images show that it is (docs/dvio.md (15))."""
     level_ground: bool = True
-    """Whether ground that looks level measures the tilt (docs/dvio.md (12))."""
+    """Whether planes in depth images are used: ground that looks level measures the tilt (docs/dvio.md (12)), and all
+    planes measure the motion where images show nothing, docs/dvio.md (18)."""
     anchored: bool = True
     """Whether a point is aligned with the patch of its host frame, so that tracking does not drift."""
     steps: int = 1
@@ -48,6 +50,11 @@ class DvioMethod:
             if getattr(self, name) not in values:
                 raise ConfigError("DvioMethod", name, getattr(self, name), ", ".join(values))
         check_numbers("DvioMethod", {"steps": self.steps})
+
+    @property
+    def refines_all(self) -> bool:
+        """Whether every calibration is refined, also those that may be far off."""
+        return self.calibration == ALL
 
     @property
     def uses_depth(self) -> bool:

@@ -15,7 +15,8 @@ from stridetwin.streams.samples import Array
 # Hand-chosen on twin walks of tuning seeds.
 _MAX_DEPTH_M = 5.0  # below the sensor's range, near whose end measured depths are too small
 _STEP_PX = 4  # between samples: a stereo camera's noise is correlated within its matching window
-_SIDE = 10  # of a cell, samples
+SIDE = 10
+"""Edge of a usual cell, samples."""
 _MIN_MEASURED_SHARE = 0.9  # of a cell's samples
 _MAX_ROUGHNESS_SD = 1.6  # scatter of a cell's samples about its plane, standard deviations
 _CELL_GATE = 14.0  # squared Mahalanobis distance of a cell from its plane: 0.3 % of its own cells exceed it
@@ -31,8 +32,8 @@ _SUMS = 11
 def sample_pixels(shape: tuple[int, int]) -> NDArray[np.float32]:
     """(R, C, 2) px of the depth samples of an image (H, W); R and C are whole numbers of cells."""
     height, width = shape
-    cell_px = _STEP_PX * _SIDE
-    rows, columns = height // cell_px * _SIDE, width // cell_px * _SIDE  # samples of the cells that fit
+    cell_px = _STEP_PX * SIDE
+    rows, columns = height // cell_px * SIDE, width // cell_px * SIDE  # samples of the cells that fit
     v, u = np.mgrid[:rows, :columns] * _STEP_PX + _STEP_PX // 2  # each in the middle of its step
     return np.stack([u, v], axis=-1).astype(np.float32)
 
@@ -77,7 +78,7 @@ def _fit_plane(s: Array, inverse: Array, plane: Array) -> bool:
 
 
 @njit(error_model="numpy", **INNER_KERNEL)
-def _sum_cells(depth: NDArray[np.float32], rays: Array, min_depth_m: float, sd: float, cells: Array) -> None:
+def _sum_cells(depth: NDArray[np.float32], rays: Array, side: int, min_depth_m: float, sd: float, cells: Array) -> None:
     """Writes the sums of each cell, as `_SUMS` lists them, into `cells`.
 
     Entry 5 is the number of samples. It becomes 0, and the cell is not used, if too few samples have a depth, or if
@@ -85,13 +86,14 @@ def _sum_cells(depth: NDArray[np.float32], rays: Array, min_depth_m: float, sd: 
 
     Args:
         depth: (H, W) m, 0 or NaN where none.
-        rays: (R * _SIDE, C * _SIDE, 2) of the samples on the plane at depth 1.
+        rays: (R * side, C * side, 2) of the samples on the plane at depth 1.
+        side: Edge of a cell, samples.
         min_depth_m: Nearest depth that counts.
         sd: Standard deviation of an inverse depth, 1/m.
         cells: (R, C, 11) out.
     """
     # middle: offset of a sample's pixel within its step, as in `sample_pixels`
-    inverse, plane, side, middle = np.empty((3, 3)), np.empty(3), _SIDE, _STEP_PX // 2
+    inverse, plane, middle = np.empty((3, 3)), np.empty(3), _STEP_PX // 2
     for r in range(cells.shape[0]):
         for c in range(cells.shape[1]):
             s = cells[r, c]
@@ -205,7 +207,7 @@ def _grow_region(cells: Array, group: NDArray[np.int64], name: int, variance: fl
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def read_planes(
-    depth: NDArray[np.float32], rays: Array, min_depth_m: float, sd: float, planes: Array, weights: Array
+    depth: NDArray[np.float32], rays: Array, side: int, min_depth_m: float, sd: float, planes: Array, weights: Array
 ) -> int:
     """Reads the largest planes of a depth image, which takes 0.4 ms.
 
@@ -214,6 +216,7 @@ def read_planes(
     Args:
         depth: (H, W) m, 0 or NaN where none.
         rays: (R, C, 2) of `sample_pixels` on the plane at depth 1.
+        side: Edge of a cell, samples: `SIDE`, or a divisor of it.
         min_depth_m: Nearest depth that counts.
         sd: Standard deviation of an inverse depth, 1/m.
         planes: (P, 3) out: inverse depth at (x, y) is its product with (x, y, 1); 1/m, largest first.
@@ -222,10 +225,10 @@ def read_planes(
     Returns:
         Number of planes.
     """
-    rows, columns = rays.shape[0] // _SIDE, rays.shape[1] // _SIDE
+    rows, columns = rays.shape[0] // side, rays.shape[1] // side
     # sums of each cell; number of its region, 0 while it has none, -1 where it was removed from one
     cells, group = np.empty((rows, columns, _SUMS)), np.zeros((rows, columns), np.int64)
-    _sum_cells(depth, rays, min_depth_m, sd, cells)
+    _sum_cells(depth, rays, side, min_depth_m, sd, cells)
     # Regions grow from the smoothest cells first: by the mean squared residual about the cell's own plane.
     score = np.empty(rows * columns)
     for i in range(len(score)):

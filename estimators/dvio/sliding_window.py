@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.estimators.dvio import kernel
+from stridetwin.estimators.dvio.depth_link import PlaneReader, Planes, link_frames
+from stridetwin.estimators.dvio.force_scale import estimate_scale_error
 from stridetwin.estimators.dvio.imu_inflation import ImuInflation
 from stridetwin.estimators.dvio.level import LevelGround, covariance_of
 from stridetwin.estimators.dvio.mount_prior import MountPrior
@@ -21,7 +23,7 @@ from stridetwin.estimators.dvio.optimiser import (
 )
 from stridetwin.estimators.dvio.parameters import DvioParameters
 from stridetwin.estimators.dvio.patches import read_slope
-from stridetwin.estimators.dvio.plane_cells import sample_pixels
+from stridetwin.estimators.dvio.plane_cells import SIDE, sample_pixels
 from stridetwin.estimators.dvio.projection import directions
 from stridetwin.estimators.dvio.state import (
     CALIBRATION,
@@ -61,6 +63,10 @@ _MEASURED_SD = 8.0  # from this many standard deviations of inverse depth on, pa
 # 390 px focal length, 10 mm/s).
 _MAX_STATIONARY_PX, _MAX_STATIONARY_DRIFT_PX = 0.25, 0.5
 _FIXED_SD = 1e-7  # standard deviation of quantities that are not estimated
+# Error of the motion between two frames by the IMU alone beside its noise: of a tilt (rad), which gravity turns into an
+# acceleration, and of the gyroscope's bias (rad/s).
+_LINK_TILT_SD_RAD, _LINK_RATE_SD_RADPS = 0.02, 0.02
+_GRAVITY_MPS2 = 9.8  # for that
 _PLANES = 6  # largest number of planes read from a depth image
 
 
@@ -86,6 +92,7 @@ class SlidingWindow:
         window: Frames, landmarks, calibration and prior.
         nav: State propagated by the IMU from the newest frame.
         seen: Number of observations in the newest frame.
+        first_offset_s: Offset of the camera's clock with which the window began, s.
     """
 
     def __init__(
@@ -96,6 +103,7 @@ class SlidingWindow:
         # factor on that noise, by images; priors of biases and calibration; samples; intrinsics; weights of the factors
         self.inflation = ImuInflation(self.noise)
         self.bias_sd, self.calibration_prior = bias_sd(imu), calibration_prior(parameters)
+        self._known_scale_sd = imu.accelerometer_scale_sd
         self.inertial = ImuBuffer(imu, parameters)
         self.lens = Lens(camera)
         self.factors = factor_parameters(parameters, self.lens.focal_px, self.noise)
@@ -115,11 +123,30 @@ class SlidingWindow:
         at = sample_pixels(self.lens.shape)
         self._rays = self.lens.to_normalized(at.reshape(-1, 2)).reshape(at.shape)
         self._measured_planes = np.zeros((_PLANES, 3)), np.zeros((_PLANES, 3, 3))
+        # planes of the newest keyframe's depth image, with which those of later frames are compared in the dark
+        reads_planes = parameters.method.level_ground and parameters.method.uses_depth
+        self._plane_reader = (
+            PlaneReader(self._rays, self._depth_range_m[0], parameters.inverse_depth_sd_per_m) if reads_planes else None
+        )
+        self._key_planes: Planes | None = None
         self._newest_is_key = False  # if not, the next image replaces the newest frame
         self._mount = MountPrior(self.calibration_prior.mount_sd, self.calibration_prior.slipped_sd)
         method = parameters.method
         self._level = LevelGround(parameters.level_ground_sd_rad, used=method.level_ground and method.uses_depth)
         self.seen = 0
+        self.first_offset_s = float(camera.timeshift_cam_imu_s)
+
+    @property
+    def is_resting(self) -> bool:
+        """Whether neither the IMU nor the images of the newest frame show a motion."""
+        f = self.window.frames
+        return bool(np.isfinite(f.zero_velocity_sd[f.count[0] - 1]))
+
+    @property
+    def is_held_by_depth(self) -> bool:
+        """Whether planes in the depth image measure motion that leads to the newest frame, as images do not."""
+        newest = int(self.window.frames.count[0]) - 1
+        return newest > 0 and self._work.links[newest - 1] is not None
 
     @property
     def is_tracking(self) -> bool:
@@ -143,6 +170,7 @@ class SlidingWindow:
         """
         w, prior = self.window, self.calibration_prior
         f, c = w.frames, w.calibration
+        self.first_offset_s = float(c.offset[0])
         self._alive[:] = 0  # no landmark is tracked
         w.landmarks.host[:], w.landmarks.seen[:] = NO_HOST, 0
         f.in_prior[:], f.count[0] = 0, 1
@@ -157,6 +185,7 @@ class SlidingWindow:
         w.prior.b[:n] = w.prior.H[range(n), range(n)] * c.moved
         state = slice(CALIBRATION, CALIBRATION + FRAME)
         w.prior.H[state, state] = np.linalg.inv(covariance)
+        self._work.links[:] = [None] * len(self._work.links)
         self._level.restart()
         self.inflation.restart()
         self.nav.covariance[:] = covariance
@@ -165,6 +194,7 @@ class SlidingWindow:
         self.tracker.set_image(frame.grey)
         self._add_landmarks(frame, 0)
         self._store_patches(frame, 0)
+        self._key_planes = self._read_planes(frame)
         self._newest_is_key = True
         self.seen = int(self._alive.sum())
 
@@ -220,6 +250,9 @@ class SlidingWindow:
             f.bias[slot - 1],
             self.noise,
         )
+        self._work.links[slot - 1] = None
+        if w.landmarks.seen[:, slot].sum() < _MIN_OBSERVATIONS:
+            self._link_by_depth(frame, slot, predicted)
         key = self._is_key(slot)  # whether the new frame becomes a keyframe
         steps = _KEYFRAME_STEPS if key else p.method.steps
         minimise(w, self.factors, self._work, steps, _COST_TOLERANCE)
@@ -231,6 +264,7 @@ class SlidingWindow:
         inverse = np.linalg.inv(L)
         self.seen = self._cull()
         if key:
+            self._key_planes = self._read_planes(frame)
             self._add_landmarks(frame, slot)
             if self._mount.is_adaptive:
                 self._mount.update(w, covariance_of(np.arange(6), self._work.factor, CALIBRATION + FRAME * (slot + 1)))
@@ -240,12 +274,41 @@ class SlidingWindow:
                 self.noise = self.inflation.noise
             if slot >= p.keyframes:
                 marginalize_oldest(w, self.factors, self._work, self._alive)
-                drop_oldest(w)
+                drop_oldest(w, self._work.links)
             self._store_patches(frame, int(f.count[0]) - 1)
         self._newest_is_key = key
         newest = int(f.count[0]) - 1  # one less than `slot` after the oldest frame is gone
         self.nav = state_of(f, newest)._replace(covariance=inverse.T @ inverse)
         self._previous = copy_of(self.nav)
+
+    def _read_planes(self, frame: CameraFrame) -> Planes | None:
+        """Planes of a depth image; None without one, or if the method does not use them."""
+        if self._plane_reader is None or frame.depth is None:
+            return None
+        return self._plane_reader.read(frame.depth, self.window.calibration)
+
+    def _link_by_depth(self, frame: CameraFrame, slot: int, predicted: NavState) -> None:
+        """Links the new frame in a slot to the keyframe before it by the planes that both see: docs/dvio.md (18).
+
+        Args:
+            frame: The new image.
+            slot: Its slot; the keyframe is in the one before.
+            predicted: State at the new image by the IMU.
+        """
+        planes = None if self._key_planes is None else self._read_planes(frame)
+        if planes is None or self._key_planes is None:
+            return
+        w = self.window
+        z, dt = w.preintegrations.covariance[slot - 1], float(w.preintegrations.dt[slot - 1, 0])
+        speed_variance = float(self.nav.covariance.diagonal()[6:9].max())
+        covariance = z[:6, :6] + np.diag(
+            [speed_variance * dt**2 + (_LINK_TILT_SD_RAD * _GRAVITY_MPS2 * dt**2 / 2) ** 2] * 3
+            + [(_LINK_RATE_SD_RADPS * dt) ** 2] * 3
+        )
+        earlier = state_of(w.frames, slot - 1)
+        self._work.links[slot - 1] = link_frames(
+            self._key_planes, planes, earlier, predicted, covariance, w.calibration
+        )
 
     def propagate(self, until_ns: int) -> None:
         """Propagates `nav` to a time on the IMU's clock that its samples cover.
@@ -256,6 +319,26 @@ class SlidingWindow:
         self._propagate(self.nav, until_ns)
         # A state from before the samples that are kept could not be propagated any more.
         self._propagate(self._previous, self.inertial.oldest_retained_ns)
+
+    def correct_force_scale(self, excess_mps2: float) -> float:
+        """Corrects the scale of the accelerometer by an excess of force along gravity.
+
+        Args:
+            excess_mps2: Measured force less gravity at rest, or the estimated bias along gravity.
+
+        Returns:
+            The relative correction, 0 where none is made.
+        """
+        p, scale_sd = self.parameters, self._known_scale_sd
+        error = estimate_scale_error(excess_mps2, p.gravity_mps2, float(self.bias_sd[3]), scale_sd)
+        if not p.method.refines_all or error == 0.0:
+            return 0.0
+        self.inertial.rescale_forces(1.0 + error)
+        return error
+
+    def return_to(self, state: NavState) -> None:
+        """Makes an earlier state `nav`, and the one from which `rewind_to` restarts; IMU samples must cover it."""
+        self.nav, self._previous = copy_of(state), copy_of(state)
 
     def rewind_to(self, t_ns: int) -> bool:
         """Sets `nav` to the state at an earlier time since the newest frame, by propagating `_previous` to it.
@@ -509,7 +592,7 @@ class SlidingWindow:
             return
         rho, weights = self._measured_planes  # buffers: planes (P, 3), 1/m, and inverses of their covariances
         sd = float(self.parameters.inverse_depth_sd_per_m)
-        count = kernel.read_planes(frame.depth, self._rays, self._depth_range_m[0], sd, rho, weights)
+        count = kernel.read_planes(frame.depth, self._rays, SIDE, self._depth_range_m[0], sd, rho, weights)
         self._level.observe(w, self._work.factor, slot, rho[:count], weights[:count], self._mount)
 
     def _store_patches(self, frame: CameraFrame, slot: int) -> None:

@@ -132,6 +132,19 @@ def image_velocity(at: Array, inverse_depth: Array, velocity: Array, rate: Array
     )
 
 
+def flow_matrix(at: Array, inverse_depth: Array) -> Array:
+    """(N, 2, 6) derivative of `image_velocity` by the velocity and the rate of the camera, in which it is linear.
+
+    Args:
+        at: (N, 2) points on the plane at depth 1.
+        inverse_depth: (N,) 1/m.
+    """
+    unit = np.eye(3)
+    by_velocity = [image_velocity(at, inverse_depth, axis, np.zeros(3)) for axis in unit]
+    by_rate = [image_velocity(at, inverse_depth, np.zeros(3), axis) for axis in unit]
+    return np.stack([*by_velocity, *by_rate], axis=-1)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CameraFrame:
     """An image of the camera with the depth image of the same instant, as the tracker takes them.

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.estimators.base import TRACKING, AnyEstimator, Declaration, PathEstimate
+from stridetwin.estimators.base import DEPTH_ONLY, TRACKING, AnyEstimator, Declaration, PathEstimate
 from stridetwin.outputs.base import LiveOutput, part_file
 from stridetwin.outputs.csv_tables import write_table
 from stridetwin.outputs.path.run import pose_of
@@ -43,12 +43,13 @@ COLUMNS = (
 
 
 def is_reliable(estimate: PathEstimate) -> NDArray[np.bool_]:
-    """(N,) whether each pose is trusted and at most `DEAD_RECKONING_S` after a tracked one."""
+    """(N,) whether each pose is trusted and at most `DEAD_RECKONING_S` after one that images or depth hold."""
     t_ns = estimate.path.t_ns
     keep = np.ones(len(t_ns), bool) if estimate.healthy is None else estimate.healthy.copy()
     if estimate.status is not None:
-        # time of each tracked pose; every other pose has a time so early that it never counts as recently tracked
-        tracked_ns = np.where(estimate.status == TRACKING, t_ns, t_ns[0] - round(2e9 * DEAD_RECKONING_S))
+        held = np.isin(estimate.status, (TRACKING, DEPTH_ONLY))
+        # time of each pose that is held; every other pose has a time so early that it never counts as recently tracked
+        tracked_ns = np.where(held, t_ns, t_ns[0] - round(2e9 * DEAD_RECKONING_S))
         last_tracked_ns = np.maximum.accumulate(tracked_ns)  # of each pose, the last tracked one up to it
         keep &= t_ns - last_tracked_ns <= DEAD_RECKONING_S * 1e9
     return keep

@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from stridetwin.sim.faults import sample_faults
 from stridetwin.sim.faults.faults import Fault, LooseStrap
-from stridetwin.sim.faults.image_faults import DepthNoise, HighView, LensDirt, MirrorFloor, Occlusion, PasserBy
+from stridetwin.sim.faults.image_faults import (
+    Darkness,
+    DepthNoise,
+    HighView,
+    LensDirt,
+    MirrorFloor,
+    Occlusion,
+    PasserBy,
+)
 
 FAULTS: dict[str, type[Fault]] = {
     kind.kind: kind
@@ -25,6 +33,7 @@ FAULTS: dict[str, type[Fault]] = {
         Occlusion,
         LensDirt,
         PasserBy,
+        Darkness,
         DepthNoise,
         HighView,
         MirrorFloor,

@@ -249,6 +249,27 @@ class DepthNoise(TimedFault):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Darkness(TimedFault):
+    """The light goes out: colour images show what is left of it below their read noise; active depth measures on.
+
+    Attributes:
+        light: Share of the light that is left.
+        noise: Standard deviation of the read noise, grey levels.
+    """
+
+    sample_types = (Image,)
+    light: Annotated[Number, Field(ge=0, le=1)] = 0.0
+    noise: Annotated[Number, Field(ge=0, le=50)] = 1.0
+
+    def corrupt(self, arrival: SampleInTransit, event: Event) -> Iterable[SampleInTransit]:
+        """The image in the dark, with new noise in each."""
+        pixels = image_field(arrival)[1]
+        noise = event.rng(arrival.taken_ns).standard_normal(pixels.shape, np.float32)
+        dark = np.rint(self.light * pixels.astype(np.float32) + self.noise * (1.0 + noise))
+        return (arrival.with_values(pixels=np.clip(dark, 0, 255).astype(np.uint8)),)
+
+
+@dataclass(frozen=True, kw_only=True)
 class HighView(TimedFault):
     """A camera that is pitched too high: only the upper rows of the depth image show ground within range.
 

@@ -36,6 +36,7 @@ EVERY = [
     {"kind": "exchange", "topic": "/foot_*/insole"},
     {"kind": "passer_by", "topic": "/head/*", **AT, "share": 0.3, "distance_m": 1.2, "motion_hz": 0.2},
     {"kind": "depth_noise", "topic": "/head/depth", **AT, "noise_per_m": 0.01, "noise_correlation_px": 3},
+    {"kind": "darkness", "topic": "/head/color", **AT, "light": 0.1, "noise": 2},
     {"kind": "high_view", "topic": "/head/depth", **AT, "share": 0.3, "range_m": 4},
     {"kind": "mirror_floor", "topic": "/head/depth", **AT, "holes": 0.2, "mirrored": 0.1, "blotch_mm": 100},
     {"kind": "miscalibration", "topic": "/foot_*/imu", "rotation_deg": [1, 0, 0], "gyroscope_deg_s": 300},

@@ -12,7 +12,15 @@ from hypothesis import strategies as st
 
 from stridetwin.estimators import base
 from stridetwin.sim.faults.faults import POSES, FaultPlan, LooseStrap, arrivals, check_faults, plan_faults
-from stridetwin.sim.faults.image_faults import DepthNoise, HighView, LensDirt, MirrorFloor, Occlusion, PasserBy
+from stridetwin.sim.faults.image_faults import (
+    Darkness,
+    DepthNoise,
+    HighView,
+    LensDirt,
+    MirrorFloor,
+    Occlusion,
+    PasserBy,
+)
 from stridetwin.sim.faults.sample_faults import (
     ClockJump,
     DeadCell,
@@ -377,6 +385,15 @@ def test_depth_gets_its_noise_and_nothing_stays_nothing() -> None:
     assert np.std(noisy[:, :, 8:] - 3) == pytest.approx(0.01 * 9.0, rel=0.05)
     assert (noisy[:, :, :8] == 0).all()
     assert noisy.dtype == np.float32
+
+
+def test_darkness_leaves_noise_in_colour_and_keeps_depth() -> None:
+    clean, dark = frames(3), replayed(frames(3), Darkness(topic="/head/*", at_s=0, light=0.02, noise=1.5))
+    np.testing.assert_array_equal(depths(dark), depths(clean))
+    pixels = [s.pixels.astype(float) for s in dark if isinstance(s, Image)]
+    bright = next(s.pixels for s in clean if isinstance(s, Image)).astype(float)
+    assert np.mean(pixels) == pytest.approx(0.02 * bright.mean() + 1.5, abs=0.3)
+    assert np.std(pixels[0] - pixels[1]) == pytest.approx(1.5 * np.sqrt(2), rel=0.1)  # new noise in each
 
 
 def test_a_view_that_is_too_high_keeps_its_share_of_the_ground() -> None:

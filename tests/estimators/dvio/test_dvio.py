@@ -255,8 +255,11 @@ def test_camera_covered_is_said(sway):
     wall, samples = sway
     _, made = followed(wall, corrupted(samples, FAULTS["covered"]))
     dark = [e.health for e in made if 4.2e9 < e.t_ns < 5e9]
-    assert set(dark) == {"imu_only"}
+    assert set(dark) == {"depth_only"}
     assert made[-1].health == "tracking"
+    without_depth = [s for s in corrupted(samples, FAULTS["covered"]) if not isinstance(s, Depth)]
+    _, made = followed(wall, without_depth)
+    assert {e.health for e in made if 4.2e9 < e.t_ns < 5e9} == {"imu_only"}
 
 
 def unseen(samples, start_s, end_s=np.inf):

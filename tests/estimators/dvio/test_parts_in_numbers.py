@@ -226,10 +226,12 @@ def test_the_planes_of_an_image_are_those_of_its_samples(wall_per_m, first, seed
     sd = 0.002
     depth, rays, pixels, wall, floor = two_planes(sd, seed, wall_per_m)
     planes, weights = np.zeros((4, 3)), np.zeros((4, 3, 3))
-    count = from_python(plane_cells.read_planes)(depth, rays, 0.3, sd, planes, weights)
+    count = from_python(plane_cells.read_planes)(depth, rays, plane_cells.SIDE, 0.3, sd, planes, weights)
     assert count == 2
     largest = np.zeros((1, 3))
-    assert from_python(plane_cells.read_planes)(depth, rays, 0.3, sd, largest, np.zeros((1, 3, 3))) == 1
+    assert (
+        from_python(plane_cells.read_planes)(depth, rays, plane_cells.SIDE, 0.3, sd, largest, np.zeros((1, 3, 3))) == 1
+    )
     np.testing.assert_array_equal(largest[0], planes[0])
     assert not planes[2:].any()
     for k, true in enumerate((wall, floor) if first == 0 else (floor, wall)):
@@ -257,7 +259,7 @@ def test_an_image_without_depth_or_that_is_rough_has_no_planes():
     read = from_python(plane_cells.read_planes)
     rough = (1.0 / np.random.default_rng(0).uniform(0.3, 0.9, depth.shape)).astype(np.float32)
     for image in (np.zeros_like(depth), np.full_like(depth, np.nan), 0.1 * depth, 9.0 * depth, rough):
-        assert read(image, rays, 0.45, 0.002, planes, weights) == 0
+        assert read(image, rays, plane_cells.SIDE, 0.45, 0.002, planes, weights) == 0
 
 
 GROUND_SD_RAD = DvioParameters().level_ground_sd_rad

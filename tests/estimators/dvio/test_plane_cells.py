@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stridetwin.estimators.dvio import kernel
-from stridetwin.estimators.dvio.plane_cells import PLANE_ERROR, sample_pixels
+from stridetwin.estimators.dvio.plane_cells import PLANE_ERROR, SIDE, sample_pixels
 
 SHAPE, FOCAL = (480, 640), 384.0
 SD = 0.007  # of an inverse depth, 1/m
@@ -29,7 +29,7 @@ def depth_image(planes: list[np.ndarray], rng: np.random.Generator | None = None
 def measured_planes(depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(P, 3) planes, 1/m, and (P, 3, 3) inverses of their covariances."""
     measured, weights = np.zeros((6, 3)), np.zeros((6, 3, 3))
-    n = kernel.read_planes(depth, rays(), 0.3, SD, measured, weights)
+    n = kernel.read_planes(depth, rays(), SIDE, 0.3, SD, measured, weights)
     return measured[:n], weights[:n]
 
 

@@ -125,7 +125,7 @@ def test_the_prior_equals_what_was_marginalised():
     minimise(w, factors, work, 25, 0.0)
     whole = copy.deepcopy(w)
     marginalize_oldest(w, factors, work, np.zeros(POINTS, np.uint8))
-    drop_oldest(w)
+    drop_oldest(w, work.links)
     assert w.frames.count[0] == 3
     before = w.frames.p[:3].copy()
     minimise(w, factors, work, 5, 0.0)
