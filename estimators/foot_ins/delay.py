@@ -118,7 +118,7 @@ def force_later_s(memory: state.FilterState, bank: DelayBank) -> float | None:
 
 @njit(**INNER_KERNEL)
 def _past(bank: DelayBank, back: int, first: int) -> Vec3:
-    """Rate (`first` = 0) or force (3) of the sample `back` samples ago, or of the oldest one known."""
+    """Rate (`first` = 0) or force (`first` = 3) of the sample `back` samples ago, or of the oldest one known."""
     row = (bank.place[HEAD] - min(back, bank.place[FILL] - 1)) % LINE
     return vec3_at(bank.line[row], first)
 
