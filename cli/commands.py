@@ -152,6 +152,14 @@ class EstimateOptions(ImportableOptions, TrajectoryFileOptions):
     ]
     foot: Annotated[Literal["l", "r"] | None, option("foot_ins: foot of a recording (default l).")] = None
     lag: Annotated[float | None, option("foot_ins: smooth each pose with the next S seconds, up to 10.", "S")] = None
+    calibration_from: Annotated[
+        Path | None,
+        option(
+            "foot_ins: biases, scale and delay that an earlier estimate learnt of this sensor, "
+            "the .calibration.json beside its path.",
+            "FILE",
+        ),
+    ] = None
     imu: Annotated[
         str | None,
         option(

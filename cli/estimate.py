@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +52,7 @@ def estimate_command(arguments: EstimateOptions, progress: Progress) -> Outcome:
         estimator_class.declaration,
         foot=arguments.foot,
         lag_s=arguments.lag,
+        calibration_from=arguments.calibration_from,
         method=arguments.method,
         backend=arguments.backend,
         exoskeleton=arguments.exoskeleton,
@@ -147,6 +149,7 @@ def options_of(
     backend: str | None,
     exoskeleton: Path | None,
     lag_s: float | None = None,
+    calibration_from: Path | None = None,
 ) -> Options:
     """The options of an estimator from the arguments of `estimate` or `live`, where None means that one is not given.
 
@@ -157,6 +160,7 @@ def options_of(
         backend: Library of the terrain map.
         exoskeleton: File with the exoskeleton's geometry.
         lag_s: Seconds of the future that smooth each pose.
+        calibration_from: File with what an earlier estimate learnt of the sensor.
 
     Raises:
         StrideTwinError: The estimator has no such option or method.
@@ -165,6 +169,8 @@ def options_of(
         raise StrideTwinError(f"--foot is only valid for {estimators_that(lambda d: d.per_foot)}")
     if lag_s is not None and not declaration.smooths:
         raise StrideTwinError(f"--lag is only valid for {estimators_that(lambda d: d.smooths)}")
+    if calibration_from is not None and not declaration.recalls:
+        raise StrideTwinError(f"--calibration-from is only valid for {estimators_that(lambda d: d.recalls)}")
     if method is not None and method not in declaration.methods:
         estimators_with_it = estimators_that(lambda d: method in d.methods)
         where = (
@@ -180,6 +186,7 @@ def options_of(
         method=method or declaration.methods[0],
         foot=foot or "l",
         lag_s=lag_s,
+        calibration_from=calibration_from,
         backend=backend or "",
         exoskeleton=exoskeleton,
     )
@@ -217,7 +224,11 @@ def _run_on_table(
         Instance(estimator_class=estimator_class, options=options, streams=()), parameters
     ).parameters
     more = {} if values is None else {"parameters": values}
-    path = PathEstimate(name=arguments.estimator, frame="", path=follow_block(block, options, rig, **more))
+    estimate_block = getattr(estimator_class, "estimate_block", None)
+    if estimate_block is not None:
+        path = replace(estimate_block(block, options, rig, **more), name=arguments.estimator)
+    else:
+        path = PathEstimate(name=arguments.estimator, frame="", path=follow_block(block, options, rig, **more))
     if missing := len(block) - len(path.path):
         print_warnings(arguments.source, [f"no pose at {missing} of {len(block)} samples, where none can be trusted"])
     lines = [] if rig is None else [_describe_imu(imu) for imu in rig.imus.values()]

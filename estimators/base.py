@@ -94,6 +94,7 @@ class Options:
         backend: One of `Declaration.backends`; "" takes the first.
         poses_of: Frame of the poses under `POSES`, such as `head/imu`; "" means the depth camera's optical frame.
         lag_s: Smooth each pose with what follows within this time, s; None returns each pose at once.
+        calibration_from: File with what an earlier estimate learnt of the sensor; None: nothing is known.
         exoskeleton: File of an exoskeleton's geometry; None takes the one in the metadata.
         metadata: Texts that came with the samples.
         source: Origin of the metadata, for error messages.
@@ -105,6 +106,7 @@ class Options:
     backend: str = ""
     poses_of: str = ""
     lag_s: float | None = None
+    calibration_from: Path | None = None
     exoskeleton: Path | None = None
     metadata: Mapping[str, str] = field(default_factory=dict)
     source: str = "metadata"
@@ -147,6 +149,7 @@ class Declaration:
         parts: For an instance that estimates several paths: by frame, the suffix of the path's name and file.
         supplies_poses: Estimators of terrain and modes use its poses, those of the sensor of its stream `imu`.
         smooths: It takes `Options.lag_s`.
+        recalls: It takes `Options.calibration_from`.
         label: How figures call its paths, beside "left", "right" or "camera"; None means its name.
         summary: A sentence for the report.
         budget_s: Live: time from arrival to estimate that 99 % of the samples keep, s. A step takes 0.5 s; ours allow
@@ -166,6 +169,7 @@ class Declaration:
     parts: Mapping[str, str] = field(default_factory=dict)
     supplies_poses: bool = False
     smooths: bool = False
+    recalls: bool = False
     label: str | None = None
     summary: str = ""
     budget_s: float = 0.1
@@ -220,6 +224,7 @@ class PathEstimate:
         camera: Estimated poses of the camera in the frame, one per change; None if not estimated.
         label: What figures call the path, beside "left", "right" or "camera"; None means its name.
         supplies_poses: Whether estimators of terrain and modes use this path.
+        write_calibration: Writes what was learnt of the sensor to a file; None if nothing is.
     """
 
     name: str
@@ -233,6 +238,7 @@ class PathEstimate:
     camera: Trajectory | None = None
     label: str | None = None
     supplies_poses: bool = False
+    write_calibration: Callable[[Path], None] | None = None
 
 
 POSE_STREAM = Stream(role="poses", topic=POSES, kind=Odometry)

@@ -190,3 +190,18 @@ def _set_covariance(
             P[o + i, o + i] = 0.0
         P[o + state.D_DRIFT, o + state.D_DRIFT] = parameters.height_drift_sd**2
         P[o + state.D_SCALE, o + state.D_SCALE] = parameters.gyro_scale_sd**2
+        _use_prior(memory)
+
+
+@njit(**INNER_KERNEL)
+def _use_prior(memory: state.FilterState) -> None:
+    """Replaces the variances of biases and scale by those from an earlier recording, as far as it knew them."""
+    P, prior, o = memory.covariance, memory.prior, memory.row
+    if prior[0, 0] == 0.0:
+        return
+    for i in range(3):
+        for j in range(3):
+            P[o + state.D_GYRO_BIAS + i, o + state.D_GYRO_BIAS + j] = prior[i, j]
+            P[o + state.D_ACCEL_BIAS + i, o + state.D_ACCEL_BIAS + j] = prior[3 + i, 3 + j]
+    if prior[6, 6] > 0.0:
+        P[o + state.D_SCALE, o + state.D_SCALE] = prior[6, 6]

@@ -84,7 +84,16 @@ class FootInsEstimate:
     aligned: bool
 
     @classmethod
-    def of(cls, memory: state.FilterState, phase: int, standing_speed_sd: float, frame: str = "") -> FootInsEstimate:
+    def of(
+        cls,
+        memory: state.FilterState,
+        phase: int,
+        standing_speed_sd: float,
+        frame: str = "",
+        *,
+        nominal: Array | None = None,
+        pose_covariance: Array | None = None,
+    ) -> FootInsEstimate:
         """The estimate in the memory after a sample, copied.
 
         Args:
@@ -92,15 +101,24 @@ class FootInsEstimate:
             phase: Phase in which the sample was used, `state.ALIGNING` or `state.NAVIGATING`.
             standing_speed_sd: Standard deviation of the speed of a stationary foot, m/s; inf if it is moving.
             frame: Frame of the sensor.
+            nominal: (22,) nominal state at the time of the sample; None: that of the memory.
+            pose_covariance: (6, 6) reported covariance of position (m) and attitude (rad), world axes; None: that of
+                the memory with the errors that are no states.
         """
         # o: first row of this foot in the covariance, which may hold both feet
-        x, o, t_ns = memory.nominal.copy(), memory.row, int(memory.clock[state.T_LAST])
+        x, o, t_ns = (
+            (memory.nominal if nominal is None else nominal).copy(),
+            memory.row,
+            int(memory.clock[state.T_LAST]),
+        )
         p, q = x[state.POSITION : state.POSITION + 3], x[state.ATTITUDE : state.ATTITUDE + 4]
         covariance = memory.covariance[o : o + state.REPORTED, o : o + state.REPORTED].copy()
-        # the length of the path is unknown by a share of it: variance along the line from the first sample
-        p_start, unknown_share = memory.path[:3], memory.path[3]
-        way = p - p_start
-        covariance[:3, :3] += unknown_share**2 * (way[:, None] * way)
+        # the reported one has errors that are no states of the filter
+        i = np.r_[state.D_POSITION : state.D_POSITION + 3, state.D_ATTITUDE : state.D_ATTITUDE + 3]
+        if pose_covariance is None:
+            covariance[np.ix_(i, i)] += _unmodelled_covariance(memory)
+        else:
+            covariance[np.ix_(i, i)] = pose_covariance
         return cls(
             t_ns=t_ns,
             pose=Pose(t_ns=t_ns, p_frame_in_world=p, rotation=q, frame=frame, valid=phase == state.NAVIGATING),
@@ -205,6 +223,18 @@ class FootInsPath:
             world=world,
             label=label,
         )
+
+
+def _unmodelled_covariance(memory: state.FilterState) -> Array:
+    """(6, 6) of position (m) and attitude (rad) by the errors that are no states, as in `kernel.write_estimate`."""
+    unlearnt, way = memory.unlearnt, memory.nominal[state.POSITION : state.POSITION + 3] - memory.path[:3]
+    along = np.r_[way, np.zeros(3)]
+    bent = np.zeros(6)  # by the bias about the vertical
+    bent[:3], bent[5] = unlearnt[state.UNLEARNT_POSITION :][:3], unlearnt[state.UNLEARNT_TURN]
+    bent[2] = 0.0
+    covariance = memory.path[3] ** 2 * np.outer(along, along) + unlearnt[state.UNLEARNT_VARIANCE] * np.outer(bent, bent)
+    covariance[2, 2] += unlearnt[state.UNLEARNT_HEIGHT]
+    return np.asarray(covariance)
 
 
 def nis_by_kind(memory: state.FilterState) -> dict[str, float]:

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.estimators.base import PATH, Declaration, Options, PathEstimate, Progress, Stream
-from stridetwin.estimators.foot_ins import kernel
+from stridetwin.estimators.foot_ins import delay
 from stridetwin.estimators.foot_ins.estimate import NO_STANCE, FootInsEstimate, FootInsPath, StartPose, nis_by_kind
+from stridetwin.estimators.foot_ins.learnt import LearntCalibration, read_learnt, write_learnt
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, for_sensor
 from stridetwin.estimators.foot_ins.smoother import FootInsSmoother
 from stridetwin.estimators.foot_ins.state import IGNORED, initial_state
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.recording.reader import Recording
-from stridetwin.streams.rig import Rig
+from stridetwin.streams.rig import ImuCalibration, Rig
 from stridetwin.streams.samples import Array, Block, Imu
 from stridetwin.streams.trajectory import Trajectory
 
@@ -44,6 +47,7 @@ class FootIns:
         order=1,
         per_foot=True,
         smooths=True,
+        recalls=True,
         label="",
         budget_s=0.05,
         needs="/foot_l/imu or /foot_r/imu",
@@ -68,6 +72,12 @@ class FootIns:
         self._frame = "" if calibration is None else calibration.topic.removeprefix("/")
         self._parameters = for_sensor(parameters or FootInsParameters(), calibration)
         self._memory = initial_state()  # of the filter
+        self._part = "" if calibration is None else calibration.part
+        self._rate_hz = 0.0 if calibration is None else calibration.rate_hz
+        learnt = _recall(options, calibration)
+        self._bank = delay.initial_bank(None if learnt is None else learnt.force_later_s)
+        if learnt is not None:
+            learnt.apply_to(self._memory)
         # time, rate and force of one sample: `update` uses these buffers and allocates none
         self._sample = np.empty(1, np.int64), np.empty((1, 3)), np.empty((1, 3))
         # phase, standard deviation of the speed, state and covariance after that sample
@@ -100,7 +110,8 @@ class FootIns:
         estimator = cls.batch(recording.rig, options, parameters)
         path = estimator.run(block)
         label = ""  # figures call the path "left" or "right" alone
-        return [path.estimate(recording, cls.declaration.name, options.foot, label, estimator.nis)]
+        estimate = path.estimate(recording, cls.declaration.name, options.foot, label, estimator.nis)
+        return [replace(estimate, write_calibration=partial(write_learnt, estimator.learnt))]
 
     @classmethod
     def follow_block(
@@ -113,12 +124,29 @@ class FootIns:
         Raises:
             StrideTwinError: There is no stance after the alignment.
         """
-        path = cls.batch(rig, options, parameters).run(block)
+        return cls.estimate_block(block, options, rig, parameters).path
+
+    @classmethod
+    def estimate_block(
+        cls, block: Block[Imu], options: Options, rig: Rig | None = None, parameters: FootInsParameters | None = None
+    ) -> PathEstimate:
+        """The path of a single IMU as `follow_block` gives it, with what was learnt of the sensor.
+
+        Raises:
+            StrideTwinError: There is no stance after the alignment.
+        """
+        estimator = cls.batch(rig, options, parameters)
+        path = estimator.run(block)
         reliable = path.reliable
         if path.aligned.any() and not reliable.any():
             raise StrideTwinError(f"{block.topic}: {NO_STANCE}")
         # poses before the vertical is known stay, as in a path without a gap
-        return path.trajectory[reliable | ~path.aligned]
+        return PathEstimate(
+            name=cls.declaration.name,
+            frame="",
+            path=path.trajectory[reliable | ~path.aligned],
+            write_calibration=partial(write_learnt, estimator.learnt),
+        )
 
     @classmethod
     def batch(
@@ -128,17 +156,24 @@ class FootIns:
         if options.lag_s is None:
             return cls(rig, parameters, options=options)
         calibration = None if rig is None else rig.imu(_topic(options))
-        return FootInsSmoother(options.lag_s, calibration, parameters)
+        return FootInsSmoother(options.lag_s, calibration, parameters, learnt=_recall(options, calibration))
 
     def update(self, sample: Imu) -> FootInsEstimate | None:
         """Takes one sample; returns the new estimate, or None if the sample is ignored."""
         t_ns, rate, force = self._sample
         t_ns[0], rate[0], force[0] = sample.t_ns, sample.angular_rate, sample.specific_force
-        phase, speed_sd, _, _ = self._results
-        kernel.run(self._memory, self._parameters, t_ns, rate, force, *self._results)
+        phase, speed_sd, nominal, covariance = self._results
+        delay.run(self._memory, self._bank, self._parameters, t_ns, rate, force, *self._results)
         if phase[0] == IGNORED:
             return None
-        return FootInsEstimate.of(self._memory, int(phase[0]), float(speed_sd[0]), self._frame)
+        return FootInsEstimate.of(
+            self._memory,
+            int(phase[0]),
+            float(speed_sd[0]),
+            self._frame,
+            nominal=nominal[0],
+            pose_covariance=covariance[0],
+        )
 
     @property
     def nis(self) -> dict[str, float]:
@@ -148,12 +183,19 @@ class FootIns:
         """
         return nis_by_kind(self._memory)
 
+    @property
+    def learnt(self) -> LearntCalibration:
+        """What the samples so far have taught about the sensor."""
+        rate_hz = self._rate_hz or delay.sample_rate_hz(self._memory)
+        return LearntCalibration.of(self._memory, self._part, rate_hz, delay.force_later_s(self._memory, self._bank))
+
     def run(self, block: Block[Imu]) -> FootInsPath:
         """Takes a block's samples as `update` would one by one; returns the path over the usable ones."""
         rate, force = block.columns["angular_rate"], block.columns["specific_force"]
         results = self._allocate_results(len(block))
-        kernel.run(
+        delay.run(
             self._memory,
+            self._bank,
             self._parameters,
             np.ascontiguousarray(block.t_ns, dtype=np.int64),
             np.ascontiguousarray(rate, dtype=np.float64),
@@ -163,13 +205,27 @@ class FootIns:
         return FootInsPath.of(block.t_ns, *results)
 
     def _allocate_results(self, n: int) -> tuple[NDArray[np.int8], Array, Array, Array]:
-        """Empty buffers that `kernel.run` fills for n samples.
+        """Empty buffers that `delay.run` fills for n samples.
 
         Returns:
             Phase (n,); standard deviation of a stationary foot's speed (n,); nominal states (n, 22); covariance of
             position and attitude (n, 6, 6).
         """
         return np.empty(n, np.int8), np.empty(n), np.empty((n, len(self._memory.nominal))), np.empty((n, 6, 6))
+
+
+def _recall(options: Options, calibration: ImuCalibration | None) -> LearntCalibration | None:
+    """What an earlier estimate learnt of the sensor; None without a file.
+
+    Raises:
+        ConfigError: The file is of another sensor, or is none.
+    """
+    if options.calibration_from is None:
+        return None
+    learnt = read_learnt(options.calibration_from)
+    if calibration is not None:
+        learnt.check_sensor(str(options.calibration_from), calibration.part, calibration.rate_hz)
+    return learnt
 
 
 def _topic(options: Options) -> str:

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
-import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from stridetwin.estimators.foot_ins import state
 from stridetwin.estimators.foot_ins.alignment import align, begin
 from stridetwin.estimators.foot_ins.clipping import restore_peaks
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
+from stridetwin.estimators.foot_ins.rest import bend_path, learn_bias_at_rest
 from stridetwin.estimators.foot_ins.stance import (
     append_sample,
     level_floor_update,
@@ -21,16 +19,13 @@ from stridetwin.estimators.foot_ins.stance import (
     stationary_speed_sd,
     unknown_bias_statistic,
     vary_height_drift,
-    zero_rate_update,
     zero_velocity_update,
 )
 from stridetwin.estimators.foot_ins.strapdown import predict
 from stridetwin.streams.algebra.matrices import copy
 from stridetwin.streams.algebra.tuples import Vec3, axpy, store_vec3_at, vec3_at
-from stridetwin.streams.compiled import INNER_KERNEL, entry_kernel
+from stridetwin.streams.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
-
-_entry_kernel = entry_kernel(Path(__file__).parent, llvm_level=1)
 
 _MAX_RATE_RADPS = 100.0  # a larger angular rate is ignored: no foot moves so
 _MAX_FORCE_MPS2 = 5000.0  # a larger specific force is ignored
@@ -76,6 +71,10 @@ def add_sample(
         begin(memory, t_ns)
         clock[state.T_LAST] = t_ns
         store_vec3_at(vec3_at(memory.nominal, state.POSITION), memory.path, 0)  # start of the path, m
+        if memory.prior[0, 0] == 0.0:  # no earlier recording tells the class of the part
+            undecided = parameters.wide_bias_share * parameters.gyro_wide_bias_sd_radps**2
+            memory.unlearnt[state.UNLEARNT_VARIANCE] = undecided
+        memory.unlearnt[state.UNLEARNT_HEIGHT] = parameters.stance_height_sd_m**2
         memory.path[3] = parameters.path_scale_sd  # share of the path's length that stays unknown
     elif t_ns <= clock[state.T_LAST]:
         return state.IGNORED, 0.0, 0.0
@@ -93,6 +92,12 @@ def add_sample(
         clock[state.T_KNOWN] = t_ns  # the last time at which the filter followed the foot
     clock[state.T_LAST] = t_ns
     return phase, dt, statistic
+
+
+@njit(**INNER_KERNEL)
+def _may_rest(memory: state.FilterState, parameters: KernelParameters) -> bool:
+    """Whether even the recent peak of the motion statistic is low, but for what an unknown gyro bias adds to it."""
+    return memory.peak[0] < parameters.rest_level + unknown_bias_statistic(memory)
 
 
 @njit(**INNER_KERNEL)
@@ -115,10 +120,13 @@ def step(
         foot's speed, m/s, inf while it is not detected as stationary.
     """
     phase, dt, statistic = add_sample(memory, parameters, t_ns, rate, force)
+    if phase == state.ALIGNING:
+        learn_bias_at_rest(memory, parameters, rate, dt, _may_rest(memory, parameters))
     if phase != state.NAVIGATING:
         return phase, math.inf
     memory.peak[0] = max(statistic, memory.peak[0] * math.exp(-dt / _PEAK_DECAY_S))  # decaying peak of the statistic
     predict(memory, parameters, rate, force, dt)
+    bend_path(memory, dt)
     restore_peaks(memory, parameters)
     move_contact_point(memory, parameters, dt)
     vary_height_drift(memory, parameters, dt)
@@ -128,9 +136,7 @@ def step(
     else:
         speed_sd = math.inf
     level_floor_update(memory, parameters, t_ns, speed_sd)
-    # at rest for long: even the recent peak of the statistic is low, but for what an unknown gyro bias adds to it
-    if memory.peak[0] < parameters.rest_level + unknown_bias_statistic(memory):
-        zero_rate_update(memory, parameters, rate, dt)
+    learn_bias_at_rest(memory, parameters, rate, dt, _may_rest(memory, parameters))
     return state.NAVIGATING, speed_sd
 
 
@@ -158,33 +164,12 @@ def write_estimate(memory: state.FilterState, nominal: Array, covariance: Array)
             covariance[i, 3 + j] = P[position + i, attitude + j]
             covariance[3 + i, j] = P[attitude + i, position + j]
             covariance[3 + i, 3 + j] = P[attitude + i, attitude + j]
-
-
-@_entry_kernel
-def run(
-    memory: state.FilterState,
-    parameters: KernelParameters,
-    t_ns: NDArray[np.int64],
-    rate: Array,
-    force: Array,
-    phase: NDArray[np.int8],
-    speed: Array,
-    nominal: Array,
-    covariance: Array,
-) -> None:
-    """Takes N samples, and writes the results of `step` and the estimate after each.
-
-    Args:
-        memory: State of the foot, changed in place.
-        parameters: Parameters of the filter.
-        t_ns: (N,) int64, times.
-        rate: (N, 3) rad/s, angular rate.
-        force: (N, 3) m/s², specific force.
-        phase: (N,) int8, written: phase in which each sample was used.
-        speed: (N,) written: standard deviation of a stationary foot's speed, m/s; inf where it is not stationary.
-        nominal: (N, 22) written: nominal states.
-        covariance: (N, 6, 6) written: of position (m) and attitude (rad), world axes.
-    """
-    for k in range(len(t_ns)):
-        phase[k], speed[k] = step(memory, parameters, t_ns[k], vec3_at(rate[k], 0), vec3_at(force[k], 0))
-        write_estimate(memory, nominal[k], covariance[k])
+    unlearnt, turn = memory.unlearnt[state.UNLEARNT_VARIANCE], memory.unlearnt[state.UNLEARNT_TURN]
+    bent = vec3_at(memory.unlearnt, state.UNLEARNT_POSITION)
+    covariance[2, 2] += memory.unlearnt[state.UNLEARNT_HEIGHT]
+    for i in range(3):
+        for j in range(3):
+            covariance[i, j] += unlearnt * bent[i] * bent[j]
+        covariance[i, 5] += unlearnt * bent[i] * turn
+        covariance[5, i] += unlearnt * bent[i] * turn
+    covariance[5, 5] += unlearnt * turn * turn

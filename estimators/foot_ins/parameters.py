@@ -65,7 +65,8 @@ class FootInsParameters:
     """Sampling errors per 1 m/s³ of change of the specific force, s/√Hz. [real walks] Doubled: 2-D 50 mm, its standard
     deviation 77 mm."""
     gyro_bias_sd_radps: float = 3.3e-4
-    """Turn-on bias, rad/s, if the calibration has none. Doubled: the heading's standard deviation grows by 5 %."""
+    """Turn-on bias of a calibrated sensor, rad/s, if the calibration has none; the first rest decides whether the
+    sensor is one or has the bias of a consumer part. Doubled: the heading's standard deviation grows by 5 %."""
     accel_bias_sd_mps2: float = 0.07
     """Turn-on bias, m/s², if the calibration has none. Doubled: no difference above 1 mm."""
     path_scale_sd: float = 0.02
@@ -127,7 +128,10 @@ if TYPE_CHECKING:
             gyro_bias_walk_radps2_rthz: Random walk of the gyro's bias, rad/s²/√Hz.
             accel_bias_walk_mps3_rthz: Random walk of the accelerometer's bias, m/s³/√Hz.
             rest_rate_noise_radps_rthz: Noise of the rate of a foot at rest, sensor and sway together, rad/s/√Hz.
+            gyro_wide_bias_sd_radps: Turn-on bias of a consumer part, rad/s.
+            wide_bias_share: Probability that the sensor is one; 0 if its calibration gives the bias.
             gyro_scale_sd: Standard deviation of the gyro's scale error; 0: it is not estimated.
+            stance_height_sd_m: Height above the floor from stance to stance, m, in the reported covariance alone.
             gyro_range_radps: Largest measurable rate, rad/s; 0 if unknown.
             accel_range_mps2: Largest measurable specific force, m/s²; 0 if unknown.
         """
@@ -137,6 +141,9 @@ if TYPE_CHECKING:
         gyro_bias_walk_radps2_rthz: float
         accel_bias_walk_mps3_rthz: float
         rest_rate_noise_radps_rthz: float
+        gyro_wide_bias_sd_radps: float
+        wide_bias_share: float
+        stance_height_sd_m: float
         gyro_scale_sd: float
         gyro_range_radps: float
         accel_range_mps2: float
@@ -150,6 +157,11 @@ _ACCEL_EXTREME_NOISE_MPS2_RTHZ = 0.141  # added if the limit is unknown and may 
 _GYRO_BIAS_WALK_RADPS2_RTHZ = 1e-5  # in addition to the calibration's
 _ACCEL_BIAS_WALK_MPS3_RTHZ = 1e-4  # in addition to the calibration's
 _REST_RATE_NOISE_RADPS_RTHZ = 3.2e-4  # rotation rate of a foot at rest [real walks]
+_WIDE_BIAS_SD_RADPS = (
+    3.5e-3  # turn-on bias of consumer parts, 0.1 to 0.5 °/s: the class of a sensor that nobody calibrated
+)
+_WIDE_BIAS_SHARE = 0.5  # of unknown sensors that are of that class; the others have `gyro_bias_sd_radps`
+_STANCE_HEIGHT_SD_M = 0.018  # height of an unknown sensor above the floor, from stance to stance [real walks]
 _MISALIGNMENT_NOISE_PER_RTHZ = 0.6  # noise of the angular rate per rad of the gyro's misalignment [twin]
 
 # Parameters for motion, limits and scale errors, which `for_sensor` leaves out on request.
@@ -215,7 +227,10 @@ def for_sensor(
         "gyro_bias_walk_radps2_rthz": _GYRO_BIAS_WALK_RADPS2_RTHZ,
         "accel_bias_walk_mps3_rthz": _ACCEL_BIAS_WALK_MPS3_RTHZ,
         "rest_rate_noise_radps_rthz": _REST_RATE_NOISE_RADPS_RTHZ,
+        "gyro_wide_bias_sd_radps": _WIDE_BIAS_SD_RADPS,
+        "wide_bias_share": 0.0 if imu.gyroscope_bias_sd > 0.0 else _WIDE_BIAS_SHARE,
         "gyro_scale_sd": imu.gyroscope_scale_sd,
+        "stance_height_sd_m": 0.0 if imu.accelerometer_scale_sd > 0.0 else _STANCE_HEIGHT_SD_M,
         "gyro_range_radps": imu.gyroscope_range,
         "accel_range_mps2": imu.accelerometer_range,
     }

@@ -9,8 +9,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from stridetwin.estimators.foot_ins.delay import sample_rate_hz
 from stridetwin.estimators.foot_ins.estimate import FootInsEstimate, FootInsPath, StartPose, nis_by_kind
 from stridetwin.estimators.foot_ins.kernel import step, write_estimate
+from stridetwin.estimators.foot_ins.learnt import LearntCalibration
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, KernelParameters, for_sensor
 from stridetwin.estimators.foot_ins.state import IGNORED, NAVIGATING, NOMINAL, RESTORED, FilterState
 from stridetwin.estimators.foot_ins.window import (
@@ -116,6 +118,7 @@ class FootInsSmoother:
         calibration: Noise and turn-on biases of the IMU; None: any consumer sensor.
         parameters: Parameters for any foot and sensor.
         start: Pose of the sensor at the first sample.
+        learnt: What an earlier walk taught about biases and scale; its delay of a channel is not used.
 
     Raises:
         ConfigError: A lag that is not between 0 and 10 s.
@@ -127,6 +130,8 @@ class FootInsSmoother:
         calibration: ImuCalibration | None = None,
         parameters: FootInsParameters | None = None,
         start: StartPose | None = None,
+        *,
+        learnt: LearntCalibration | None = None,
     ) -> None:
         """Prepares filter and window for a lag in s; without a calibration, the IMU is any consumer sensor."""
         if not 0.0 <= lag_s <= MAX_LAG_S:
@@ -138,6 +143,11 @@ class FootInsSmoother:
         self._sample = np.empty(1, np.int64), np.empty((1, 3)), np.empty((1, 3))
         self._row = _allocate_rows(1)
         self._window = empty_window(math.ceil(lag_s * MAX_RATE_HZ) + 1)  # the samples not yet returned
+        self._part = "" if calibration is None else calibration.part
+        self._rate_hz = 0.0 if calibration is None else calibration.rate_hz
+        if learnt is not None:
+            learnt.apply_to(self._memory)
+        self._force_later_s = None if learnt is None else learnt.force_later_s
         if start is not None:
             start.apply_to(self._memory)
 
@@ -146,11 +156,17 @@ class FootInsSmoother:
         t_ns, rate, force = self._sample
         t_ns[0], rate[0], force[0] = sample.t_ns, sample.angular_rate, sample.specific_force
         out = self._row
-        _, phase, speed_sd, _, _ = out
+        _, phase, speed_sd, nominal, covariance = out
         written = run(self._memory, self._window, self._parameters, self._lag_ns, t_ns, rate, force, False, out)
         if written == 0:
             return None
-        return FootInsEstimate.of(self._window.released, int(phase[0]), float(speed_sd[0]))
+        return FootInsEstimate.of(
+            self._window.released,
+            int(phase[0]),
+            float(speed_sd[0]),
+            nominal=nominal[0],
+            pose_covariance=covariance[0],
+        )
 
     def run(self, block: Block[Imu]) -> FootInsPath:
         """The path over the usable samples of a block and those held before.
@@ -167,6 +183,12 @@ class FootInsSmoother:
     def nis(self) -> dict[str, float]:
         """Mean normalised innovation squared by kind of update, of the filter: smoothing does not change it."""
         return nis_by_kind(self._memory)
+
+    @property
+    def learnt(self) -> LearntCalibration:
+        """What the samples so far have taught about biases and scale of the sensor."""
+        rate_hz = self._rate_hz or sample_rate_hz(self._memory)
+        return LearntCalibration.of(self._memory, self._part, rate_hz, self._force_later_s)
 
     @property
     def held(self) -> int:

@@ -1,4 +1,4 @@
-"""Updates of a stationary foot: zero velocity, zero rate and level floor, and the statistic that detects it."""
+"""Updates of a stationary foot: zero velocity and level floor, and the statistic that detects it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 
 from numba import njit
 
-from stridetwin.estimators.foot_ins import state
+from stridetwin.estimators.foot_ins import filled, state
 from stridetwin.estimators.foot_ins.kalman import (
     apply_gated_update,
     clear,
@@ -260,30 +260,6 @@ def unknown_bias_statistic(memory: state.FilterState) -> float:
 
 
 @njit(**INNER_KERNEL)
-def zero_rate_update(memory: state.FilterState, parameters: KernelParameters, rate: Vec3, dt: float) -> None:
-    """Update with ω = b_g: a foot at rest for long does not rotate.
-
-    A person who stands for long sways. So if the rate is improbable as a bias, the noise of the update grows in
-    proportion to the excess of the innovation over `innovation_gate`.
-
-    Args:
-        memory: State of the foot, changed in place.
-        parameters: Parameters of the filter.
-        rate: (3,) rad/s, angular rate ω of the sample.
-        dt: Length of the sample's interval, s: the rate of a foot at rest is white noise with a density.
-    """
-    sd, work = parameters.rest_rate_noise_radps_rthz / math.sqrt(dt), memory.work
-    clear(work, 3)
-    for i in range(3):
-        work.jacobian[i, state.D_GYRO_BIAS + i] = 1.0 / sd
-        work.innovation[i] = (rate[i] - memory.nominal[state.GYRO_BIAS + i]) / sd
-    length = apply_gated_update(memory.covariance, memory.error, work, memory.row, 3, parameters.innovation_gate)
-    memory.nis[state.BY_RATE, 0] += length**2 / 3.0  # per degree of freedom: 3 axes
-    memory.nis[state.BY_RATE, 1] += 1.0
-    inject(memory)
-
-
-@njit(**INNER_KERNEL)
 def inject(memory: state.FilterState) -> None:
     """Adds the foot's accumulated error to its nominal state, and sets the error to 0, in place.
 
@@ -394,7 +370,11 @@ def level_floor_update(
     same, last_same = 0.0, memory.floor[0]  # probability that this step, and the last one, stayed on its floor
     # that probability of this step before its height counts
     prior = last_same * parameters.same_floor + (1.0 - last_same) * _SAME_AFTER_NEW
-    if has_floor and prior > 0.0 and abs(step) < _LEVEL_STEP_M:
+    # a jump after filled samples is likelier their error than a new floor
+    bad = memory.filled[filled.SINCE_STANCE] > 0.0
+    memory.filled[filled.SINCE_STANCE] = 0.0
+    most = _LEVEL_STEP_M + (3.0 * math.sqrt(work.spread[0, 0]) if bad else 0.0)
+    if has_floor and prior > 0.0 and abs(step) < most:
         same = likelihood_ratio / (likelihood_ratio + 1.0 / prior - 1.0)  # Bayes' rule
         _learn_level_step(memory, same, step, variance, work.spread[0, 0])
         correct_probably(P, memory.error, work.gain, o, h, -step, variance, same)

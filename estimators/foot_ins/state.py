@@ -53,6 +53,9 @@ START_HEADING_SD = 1e-3  # rad; and its heading
 
 SERIES_RAD = 1e-4  # angle below which `exp` uses its series
 
+FILLED = 5  # entries of `filled`
+REST = 21  # entries of `rest`
+UNLEARNT_VARIANCE, UNLEARNT_TURN, UNLEARNT_POSITION, UNLEARNT_HEIGHT = 0, 1, 2, 5  # entries of `unlearnt`
 RING = 64  # samples available to the statistic; 35 ms at 1.8 kHz
 
 
@@ -85,6 +88,13 @@ class FilterState(NamedTuple):
         nis: (3, 2) over all updates of a kind (zero velocity, floor, zero rate): sum of the normalised innovation
             squared, per degree of freedom; and their number.
         hidden: (RING, 6) of a peak that is being restored: what was clipped of each sample, the newest first.
+        rest: (21,) of the foot's rest, entries in module `rest`: sums over blocks, and what they told of the bias.
+        unlearnt: (6,) of errors that are no states: variance of the gyro's bias that no rest has decided on yet,
+            (rad/s)²; what a bias of 1 rad/s about the vertical has done so far to the heading, rad, and to the
+            position, m (in the plane: entries 2 and 3); variance of the height of a stance, m².
+        prior: (7, 7) covariance of gyro bias, accelerometer bias and gyro scale from an earlier recording; 0: none.
+        filled: (5,) length (s) and added variance of the line that the rates are on, and the forces; 1 if there was any
+            since the last stance.
         work: Workspace of one update of the 21 states.
     """
 
@@ -107,6 +117,10 @@ class FilterState(NamedTuple):
     extreme: Array
     nis: Array
     hidden: Array
+    rest: Array
+    unlearnt: Array
+    prior: Array
+    filled: Array
     work: Workspace
 
 
@@ -141,6 +155,10 @@ def initial_state(covariance: Array | None = None, error: Array | None = None, r
         extreme=np.zeros(6),
         nis=np.zeros((3, 2)),
         hidden=np.zeros((RING, 6)),
+        rest=np.zeros(REST),
+        unlearnt=np.zeros(6),
+        prior=np.zeros((7, 7)),
+        filled=np.zeros(FILLED),
         work=workspace(len(covariance), STATES),
     )
 

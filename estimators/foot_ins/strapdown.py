@@ -7,6 +7,7 @@ import math
 from numba import njit
 
 from stridetwin.estimators.foot_ins import state
+from stridetwin.estimators.foot_ins.filled import filled_variances
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.streams.algebra.tuples import (
     Mat3,
@@ -248,10 +249,14 @@ def predict(memory: state.FilterState, parameters: KernelParameters, rate: Vec3,
     if dt > _MAX_STEP_S:
         attitude_noise += _GAP_GYRO_NOISE_RADPS_RTHZ**2
         velocity_noise += _GAP_ACCEL_NOISE_MPS2_RTHZ**2
+    # of samples that a driver filled in
+    turned, pushed = filled_variances(
+        memory, dt, math.sqrt(dot(rate, rate)), math.sqrt(dot(acceleration, acceleration))
+    )
     axes = transposed(R)  # the sensor's axes in the world
     for i in range(3):
-        P[o + state.D_ATTITUDE + i, o + state.D_ATTITUDE + i] += attitude_noise * dt
-        P[o + state.D_VELOCITY + i, o + state.D_VELOCITY + i] += velocity_noise * dt
+        P[o + state.D_ATTITUDE + i, o + state.D_ATTITUDE + i] += attitude_noise * dt + turned
+        P[o + state.D_VELOCITY + i, o + state.D_VELOCITY + i] += velocity_noise * dt + pushed
         P[o + state.D_GYRO_BIAS + i, o + state.D_GYRO_BIAS + i] += parameters.gyro_bias_walk_radps2_rthz**2 * dt
         P[o + state.D_ACCEL_BIAS + i, o + state.D_ACCEL_BIAS + i] += parameters.accel_bias_walk_mps3_rthz**2 * dt
         gyro_range = parameters.gyro_range_radps

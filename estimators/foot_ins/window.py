@@ -75,6 +75,7 @@ class TransitionWindow(NamedTuple):
         information: (C + 1, 21, 21) J of the same transitions.
         evidence: (C + 1, 21) j of the same transitions.
         path: (4,) `FilterState.path` at the newest sample.
+        unlearnt: (6,) `FilterState.unlearnt` at the newest sample.
         released: The sample that left last, smoothed.
         scratch: (2, 21, 21) overwritten.
     """
@@ -89,6 +90,7 @@ class TransitionWindow(NamedTuple):
     information: Array
     evidence: Array
     path: Array
+    unlearnt: Array
     released: state.FilterState
     scratch: Array
 
@@ -108,6 +110,7 @@ def empty_window(capacity: int) -> TransitionWindow:
         information=np.zeros((capacity + 1, state.STATES, state.STATES)),
         evidence=np.zeros((capacity + 1, state.STATES)),
         path=np.zeros(4),
+        unlearnt=np.zeros(6),
         released=state.initial_state(),
         scratch=np.zeros((2, state.STATES, state.STATES)),
     )
@@ -254,6 +257,7 @@ def append(window: TransitionWindow, memory: state.FilterState, phase: int, spee
     window.t_ns[i], window.phase[i], window.speed[i] = memory.clock[state.T_LAST], phase, speed
     P, n = memory.covariance, state.STATES
     copy(memory.path, window.path)
+    copy(memory.unlearnt, window.unlearnt)
     copy(memory.nominal, window.nominal[i])
     for k in range(n):
         for j in range(n):
@@ -338,6 +342,7 @@ def release_oldest(window: TransitionWindow) -> int:
             released.error[k] += P[k, m] * evidence[m]
     copy(window.nominal[i], released.nominal)
     copy(window.path, released.path)
+    copy(window.unlearnt, released.unlearnt)
     released.clock[state.T_LAST] = window.t_ns[i]
     inject(released)  # x ⊕ P j
     return i

@@ -48,9 +48,13 @@ class Paths(OutputKind[PathEstimate, Result]):
         return evaluate(recording, [output.estimates for output in outputs], alignment)
 
     def write(self, output: Output[PathEstimate], file: Path, options: FileOptions) -> Written:
-        """Writes a TUM trajectory, or a table if the file ends in `.csv`."""
+        """Writes a TUM trajectory, or a table if the file ends in `.csv`, and what was learnt of the sensor."""
         rows, line = write_path(output.estimates, file, dead_reckoning=options.dead_reckoning)
-        return Written(files=[file], rows=rows, lines=[line])
+        files = [file]
+        if (write_calibration := output.estimates.write_calibration) is not None:
+            files.append(file.with_name(f"{file.stem}.calibration.json"))
+            write_calibration(files[-1])
+        return Written(files=files, rows=rows, lines=[line])
 
     def live_output(self, declaration: Declaration, file: Path | None) -> LiveOutput:
         """Rows of a TUM trajectory, prefixed with the part if there are several."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.estimators.foot_ins import kernel
+from stridetwin.estimators.foot_ins import delay
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.state import NOMINAL, FilterState
 from stridetwin.streams.samples import Array
@@ -26,7 +26,16 @@ def take(
     stamps = np.atleast_1d(np.asarray(t_ns, np.int64))
     n = len(stamps)
     phase, speed, state, covariance = np.empty(n, np.int8), np.empty(n), np.empty((n, NOMINAL)), np.empty((n, 6, 6))
-    kernel.run(
-        memory, parameters, stamps, np.reshape(rate, (n, 3)), np.reshape(force, (n, 3)), phase, speed, state, covariance
+    delay.run(
+        memory,
+        delay.initial_bank(force_later_s=0.0),
+        parameters,
+        stamps,
+        np.reshape(rate, (n, 3)),
+        np.reshape(force, (n, 3)),
+        phase,
+        speed,
+        state,
+        covariance,
     )
     return int(phase[-1])

@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import sqrtm
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.foot_ins import FootInsParameters, stance, state, strapdown
+from stridetwin.estimators.foot_ins import FootInsParameters, rest, stance, state, strapdown
 from stridetwin.estimators.foot_ins.parameters import for_sensor
 from tests.estimators.from_python import from_python
 from tests.estimators.one_foot import with_values
@@ -294,13 +294,13 @@ def test_zero_velocity_is_a_measurement_of_the_stationary_point(dt):
 def test_a_foot_at_rest_measures_the_bias_of_its_gyro():
     memory = foot()
     x, P = memory.nominal.copy(), memory.covariance.copy()
-    parameters = with_values(for_sensor(FootInsParameters(innovation_gate=1e6), None), rest_rate_noise_radps_rthz=0.003)
+    parameters = for_sensor(FootInsParameters(innovation_gate=1e6), None)
     H = np.zeros((3, len(P)))
     H[:, ROW + state.D_GYRO_BIAS : ROW + state.D_GYRO_BIAS + 3] = np.eye(3)
     z = np.array([0.05, -0.04, 0.06]) - x[state.GYRO_BIAS : state.GYRO_BIAS + 3]
-    noise = 0.003**2 / DT * np.eye(3)
+    noise = 0.03**2 * np.eye(3)
     error, covariance = corrected(P, H, z, noise)
-    from_python(stance.zero_rate_update)(memory, parameters, (0.05, -0.04, 0.06), DT)
+    from_python(rest._bias_update)(memory, parameters, (0.05, -0.04, 0.06), 0.03)
     check_after(memory, x, error, covariance)
     S = H @ P @ H.T + noise
     np.testing.assert_allclose(memory.nis[state.BY_RATE], [z @ np.linalg.solve(S, z) / 3.0, 1.0], rtol=1e-9)
