@@ -166,11 +166,11 @@ def find_surfaces(depth: NDArray[np.float32], intrinsics: Array, T_world_camera:
             continue
         count, labels = cv2.connectedComponents(mask.astype(np.uint8), connectivity=4)
         for label in range(1, count):
-            own = labels == label
-            if np.count_nonzero(own) >= _MIN_SURFACE_CELLS:
-                found = _fit_surface(points[own], T_world_camera[:3, 3], up, is_wall)
-                if found is not None:
-                    surfaces.append(found)
+            inside = labels == label
+            if np.count_nonzero(inside) >= _MIN_SURFACE_CELLS:
+                surface = _fit_surface(points[inside], T_world_camera[:3, 3], up, is_wall)
+                if surface is not None:
+                    surfaces.append(surface)
     return surfaces
 
 
