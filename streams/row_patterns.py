@@ -19,8 +19,9 @@ _CLEAR = 8.0
 """Steps of the numbers' resolution by which the rows around are others."""
 _FAST: Mapping[str, float] = {"accel": 2.0, "gyro": 0.5}
 """By how much the rows at both ends of a longer run must be others, m/s² or rad/s."""
-_CHANCE_SHARE = 0.001
-"""Share of rows in which a coarse gyroscope passes through zero on all axes at once, and more: 2 of 9300 rows did."""
+_CHANCE_ROWS, _CHANCE_SHARE = 2, 0.001
+"""Number of rows, and share of the rows beyond it, in which a coarse sensor has three equal numbers by chance: 2 of
+9300 rows of a gyroscope did, and 2 of 1859 of an accelerometer."""
 _FEWEST_FILLS = 2
 """Rows with three equal numbers from which on the number may be a fill value."""
 _FEWEST_READINGS, _LEAST_HELD = 10, 0.02
@@ -167,17 +168,18 @@ def find_lacking(columns: Mapping[str, Array]) -> dict[str, Flags]:
     inertial = {name: values for name, values in columns.items() if name in QUANTITIES}
     lacking = {name: find_unmeasured(QUANTITIES[name], values) for name, values in inertial.items()}
     fills = [np.asarray((np.diff(values, axis=1) == 0.0).all(axis=1), bool) for values in inertial.values()]
-    is_empty = np.any(list(lacking.values()), axis=0) & np.all(fills, axis=0) if inertial else np.zeros(0, bool)
+    is_empty = np.zeros(len(next(iter(inertial.values()), [])), bool)
     if len(inertial) > 1:
+        is_empty = np.any(list(lacking.values()), axis=0) & np.all(fills, axis=0)
         lacking = {name: flags | is_empty for name, flags in lacking.items()}
     return {name: flags for name, flags in lacking.items() if _are_no_chance(flags, is_empty)}
 
 
 def _are_no_chance(lacking: Flags, is_empty: Flags) -> bool:
-    """Whether rows (N,) that lack one quantity, or both, are more than a coarse sensor's passing through zero."""
+    """Whether rows (N,) that lack one quantity, or both, are more than equal numbers of a coarse sensor."""
     _, _, sizes = _find_runs(lacking)
     is_certain = bool(is_empty.any()) or sizes.max(initial=0) >= _LONGEST_SHORT_RUN
-    return bool(lacking.any()) and (is_certain or float(lacking.mean()) > _CHANCE_SHARE)
+    return bool(lacking.any()) and (is_certain or int(lacking.sum()) > _CHANCE_ROWS + _CHANCE_SHARE * len(lacking))
 
 
 def find_frozen(columns: Mapping[str, Array]) -> Flags:

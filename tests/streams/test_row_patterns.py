@@ -41,6 +41,17 @@ def test_a_coarse_sensor_at_rest_has_neither(noise):
     assert not find_lacking(coarse.columns)
 
 
+@pytest.mark.parametrize("quantity", ["angular_rate", "specific_force"])
+def test_two_rows_of_three_equal_numbers_are_chance_even_in_a_table_of_one_quantity(quantity):
+    _, force, rate = simulate_foot()
+    values = {"angular_rate": rate, "specific_force": force}[quantity]
+    moving = np.flatnonzero(np.abs(rate).max(axis=1) > 1.0)[[50, 200]]
+    values[moving] = 0.0
+    assert not find_lacking({quantity: values})
+    values[np.flatnonzero(np.abs(rate).max(axis=1) > 1.0)[50:300:10]] = 0.0
+    assert quantity in find_lacking({quantity: values})
+
+
 @pytest.mark.parametrize("length", [1, 4, 30])
 def test_repeated_rows_are_noticed(samples, length):
     t, force, rate = samples
