@@ -128,7 +128,7 @@ def _run_on_source(
     poses = choose_poses(recording, arguments.poses, parameters, arguments.trajectory)
     instances = [(kind, instance.with_poses_of(poses.frame))]
     # one instance gives one pair of kind and outputs
-    ((_, outputs),) = replay(instances, recording, poses.path, poses.camera, progress=progress)
+    ((_, outputs),) = replay(instances, recording, poses.path, poses.camera, progress=progress, statuses=poses.statuses)
     return outputs, [], poses.description
 
 

@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stridetwin.estimators.base import PathEstimate
 from stridetwin.outputs.alignment import MovingAlignment
@@ -32,6 +33,7 @@ class AlignedWalk:
         frame: Frame of the poses, such as `head/imu`.
         poses: N poses that the odometry trusts, in its own world.
         camera: Its estimates of the camera's pose in the frame, one per change; None if it gives none.
+        statuses: (N,) what holds each of the poses; None if the odometry does not say.
         alignment: From the odometry's world to the true one, per instant.
         p_frame_in_world: (N, 3) m, true positions of the frame.
         place_m: (N,) m along the route, true.
@@ -44,6 +46,7 @@ class AlignedWalk:
     frame: str
     poses: Trajectory
     camera: Trajectory | None
+    statuses: NDArray[np.str_] | None
     alignment: MovingAlignment
     p_frame_in_world: Array
     place_m: Array
@@ -103,6 +106,7 @@ def align_walk(recording: Recording, odometry: PathEstimate) -> AlignedWalk:
         frame=odometry.frame,
         poses=poses,
         camera=odometry.camera,
+        statuses=None if odometry.status is None else odometry.status[is_kept],
         alignment=MovingAlignment(poses, true_poses),
         p_frame_in_world=true_poses.p_frame_in_world,
         place_m=layout.way.project(true_poses.p_frame_in_world[:, :2]),

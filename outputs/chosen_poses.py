@@ -63,12 +63,14 @@ class ChosenPoses:
         frame: Frame that they belong to, such as `head/imu`; "" is the depth camera's optical frame.
         description: What they are, for a message.
         camera: `PathEstimate.camera` of an odometry.
+        statuses: (N,) what holds each of the poses; None if unknown.
     """
 
     path: Trajectory
     frame: str
     description: str
     camera: Trajectory | None = None
+    statuses: NDArray[np.str_] | None = None
 
 
 def choose_poses(
@@ -107,9 +109,14 @@ def choose_poses(
     for estimate in estimates:
         if recording.rig.imu(f"/{estimate.frame}").mount.body == body:
             # without untrusted poses and long dead reckoning, and restarted where the metadata asks for it
-            path = restart_poses(estimate.path[is_reliable(estimate)], recording.metadata)
-            description = f"poses estimated by {estimate.name}"
-            return ChosenPoses(path=path, frame=estimate.frame, description=description, camera=estimate.camera)
+            is_kept = is_reliable(estimate)
+            return ChosenPoses(
+                path=restart_poses(estimate.path[is_kept], recording.metadata),
+                frame=estimate.frame,
+                description=f"poses estimated by {estimate.name}",
+                camera=estimate.camera,
+                statuses=None if estimate.status is None else estimate.status[is_kept],
+            )
     if (recorded_poses := _find_recorded_poses(recording, body)) is not None:
         return recorded_poses
     advice = f"--poses {TRUE_POSES}, or " if any(topic.startswith("/truth/") for topic in recording.topics) else ""

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from itertools import repeat
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stridetwin.estimators import registry
 from stridetwin.estimators.base import CAMERA_POSES, PATH, POSES, AnyEstimator, EstimatedPose, Options, Progress
@@ -85,7 +86,11 @@ def pose_sample(
 
 
 def merge_poses(
-    poses: Trajectory, recording: Recording, topics: Sequence[str], camera: Trajectory | None = None
+    poses: Trajectory,
+    recording: Recording,
+    topics: Sequence[str],
+    camera: Trajectory | None = None,
+    statuses: NDArray[np.str_] | None = None,
 ) -> Iterator[Sample]:
     """Poses and samples of a recording in time order; each pose comes before the sample of the same instant.
 
@@ -95,17 +100,20 @@ def merge_poses(
         topics: Topics of the recording that are read.
         camera: Poses of the camera in the odometry's frame, which become samples of the topic `CAMERA_POSES`; None
             without any. See `PathEstimate.camera`.
+        statuses: (N,) what holds each of the poses; None if unknown.
     """
     streams = [] if camera is None else [_pose_samples(camera, CAMERA_POSES)]
     # at equal stamps the samples come in the order of these arguments
-    return heapq.merge(*streams, _pose_samples(poses, POSES), recording.samples(topics), key=lambda s: s.t_ns)
+    return heapq.merge(*streams, _pose_samples(poses, POSES, statuses), recording.samples(topics), key=lambda s: s.t_ns)
 
 
-def _pose_samples(path: Trajectory, topic: str) -> Iterator[Sample]:
-    """The poses of a path as samples of a topic, in time order."""
+def _pose_samples(path: Trajectory, topic: str, statuses: NDArray[np.str_] | None = None) -> Iterator[Sample]:
+    """The poses of a path as samples of a topic, in time order, with their (N,) statuses."""
     covariances = repeat(None) if path.covariance is None else path.covariance
-    for t_ns, p, q, covariance in zip(path.t_ns.tolist(), path.p_frame_in_world, path.q_world_frame, covariances):
-        yield pose_sample(t_ns, p, q, topic, covariance=covariance)
+    words = repeat("") if statuses is None else statuses.tolist()
+    poses = zip(path.t_ns.tolist(), path.p_frame_in_world, path.q_world_frame, words, covariances)
+    for t_ns, p, q, status, covariance in poses:
+        yield pose_sample(t_ns, p, q, topic, status=status, covariance=covariance)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -132,6 +140,8 @@ def replay(
     camera: Trajectory | None = None,
     walk: AlignedWalk | None = None,
     progress: Progress | None = None,
+    *,
+    statuses: NDArray[np.str_] | None = None,
 ) -> list[tuple[AnyKind, list[Output[object]]]]:
     """Runs estimators that take poses on a recording, all in one pass over its images.
 
@@ -145,6 +155,7 @@ def replay(
         camera: See `PathEstimate.camera`.
         walk: The same poses beside the truth, for scores; None without a truth.
         progress: Receives the stage and its progress (0-1).
+        statuses: (N,) what holds each of the poses; None if unknown.
 
     Returns:
         Kind and outputs of each instance, in the given order.
@@ -169,7 +180,7 @@ def replay(
     outermost_first = list(running.values())
     topics_of_all = dict.fromkeys(t for r in outermost_first for t in r.topics if t in recording.topics)
     reported_ns = -1  # time of the recording at the last report of the progress
-    for sample in merge_poses(poses, recording, list(topics_of_all), camera):
+    for sample in merge_poses(poses, recording, list(topics_of_all), camera, statuses):
         for r in outermost_first:
             if not r.topics:  # an inner estimator: its outer one, earlier in the list, has just fed it
                 r.collector.add(sample, None)

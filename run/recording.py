@@ -193,7 +193,7 @@ def run_driven(
             instances += [(kind, instance.with_poses_of(odometry.frame)) for instance in selected]
     walk = align_walk(recording, odometry)
     by_kind: dict[AnyKind, list[Output[Any]]] = {}
-    for kind, outputs in replay(instances, recording, walk.poses, walk.camera, walk, progress):
+    for kind, outputs in replay(instances, recording, walk.poses, walk.camera, walk, progress, statuses=walk.statuses):
         by_kind.setdefault(kind, []).extend(outputs)
     return list(by_kind.items())
 

@@ -116,7 +116,7 @@ class FootInsEstimate:
         # the reported one has errors that are no states of the filter
         i = np.r_[state.D_POSITION : state.D_POSITION + 3, state.D_ATTITUDE : state.D_ATTITUDE + 3]
         if pose_covariance is None:
-            covariance[np.ix_(i, i)] += _unmodelled_covariance(memory)
+            covariance[np.ix_(i, i)] = _report_covariance(memory, covariance[np.ix_(i, i)])
         else:
             covariance[np.ix_(i, i)] = pose_covariance
         return cls(
@@ -154,7 +154,7 @@ class FootInsPath:
         nominal: Array,
         covariance: Array,
     ) -> FootInsPath:
-        """The output of `kernel.run` for N samples, without those that it ignored.
+        """The output of `delay.run` for N samples, without those that it ignored.
 
         Args:
             t_ns: (N,) times.
@@ -225,16 +225,18 @@ class FootInsPath:
         )
 
 
-def _unmodelled_covariance(memory: state.FilterState) -> Array:
-    """(6, 6) of position (m) and attitude (rad) by the errors that are no states, as in `kernel.write_estimate`."""
+def _report_covariance(memory: state.FilterState, covariance: Array) -> Array:
+    """(6, 6) of position (m) and attitude (rad) with the errors that are no states, as in `kernel.write_estimate`.
+
+    The order of the sums is that of the kernel, so that both give the same digits.
+    """
     unlearnt, way = memory.unlearnt, memory.nominal[state.POSITION : state.POSITION + 3] - memory.path[:3]
     along = np.r_[way, np.zeros(3)]
     bent = np.zeros(6)  # by the bias about the vertical
-    bent[:3], bent[5] = unlearnt[state.UNLEARNT_POSITION :][:3], unlearnt[state.UNLEARNT_TURN]
-    bent[2] = 0.0
-    covariance = memory.path[3] ** 2 * np.outer(along, along) + unlearnt[state.UNLEARNT_VARIANCE] * np.outer(bent, bent)
-    covariance[2, 2] += unlearnt[state.UNLEARNT_HEIGHT]
-    return np.asarray(covariance)
+    bent[:2], bent[5] = unlearnt[state.UNLEARNT_POSITION :][:2], unlearnt[state.UNLEARNT_TURN]
+    reported = covariance + memory.path[3] ** 2 * np.outer(along, along)
+    reported[2, 2] += unlearnt[state.UNLEARNT_HEIGHT]
+    return np.asarray(reported + unlearnt[state.UNLEARNT_VARIANCE] * np.outer(bent, bent))
 
 
 def nis_by_kind(memory: state.FilterState) -> dict[str, float]:

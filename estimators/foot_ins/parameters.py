@@ -250,6 +250,8 @@ def for_sensor(
         values[name] = math.hypot(values[name], density)
     # what the calibration does not know is 0 there, and stays as the parameters have it
     values["gyro_bias_sd_radps"] = imu.gyroscope_bias_sd or values["gyro_bias_sd_radps"]
+    if values["gyro_bias_sd_radps"] >= _WIDE_BIAS_SD_RADPS:  # as wide as that of any part
+        values["wide_bias_share"] = 0.0
     values["accel_bias_sd_mps2"] = imu.accelerometer_bias_sd or values["accel_bias_sd_mps2"]
     values["path_scale_sd"] = imu.accelerometer_scale_sd or values["path_scale_sd"]
     return as_record(KernelParameters, {name: float(value) for name, value in values.items()})

@@ -264,6 +264,8 @@ class PlaneSet:
         self._p, self._keeps_unobserved = parameters, keeps_unobserved
         self._min_columns = min_columns(parameters.voxel_size_m)
         self.surface = Surface.empty()
+        # removes nothing, but compiles the kernel before a walk: planes are lost only after a while
+        remove_labels(self.surface.label, np.zeros(SLOTS, bool))
         self.ids = np.full(SLOTS, NONE, np.int64)
         self.votes = np.zeros(SLOTS)
         self._sums = np.zeros((SLOTS, SUMS))  # over the columns of each slot's plane, see `plane_fit.SUMS`

@@ -96,7 +96,9 @@ def run_method(method: Method, recording: Recording, make_walk: Callable[[], Ali
         else:
             fed_instance = kind, instance.with_poses_of(walk.frame)
             # `replay` gives kind and outputs of each instance; here there is one
-            _, instance_outputs = replay([fed_instance], recording, walk.poses, walk.camera, walk)[0]
+            _, instance_outputs = replay(
+                [fed_instance], recording, walk.poses, walk.camera, walk, statuses=walk.statuses
+            )[0]
             outputs += instance_outputs
     return {evaluation.name: dict(evaluation.scores) for evaluation in kind.evaluate(outputs, recording)}
 

@@ -59,11 +59,13 @@ def run_case(case: ExperimentCase) -> Row:
             feed = [s for s in samples_with_poses(recording, walk.config.rig_mount, "dvio") if isinstance(s, Odometry)]
             # poses of the camera's IMU, and of the camera on it
             poses, camera = (trajectory([s for s in feed if s.topic == topic]) for topic in (POSES, CAMERA_POSES))
+            statuses = np.array([getattr(s, "status", "") for s in feed if s.topic == POSES])
             topics = [*INSOLES, depth_calibration(recording.rig).depth_topic]  # what the predictor reads besides poses
             times = partial(repeat_fault, times_s=fault_times_s(recording))
             for label, plan in fault_plans(case, recording.rig, recording.duration, times).items():
                 # a fault may also restart the odometry, after which its poses are in another frame
-                samples = merge_poses(restart_poses(poses, fault_metadata(plan.planned)), recording, topics, camera)
+                restarted = restart_poses(poses, fault_metadata(plan.planned))
+                samples = merge_poses(restarted, recording, topics, camera, statuses)
                 predictions = predict(plan.samples(samples), recording)
                 rows = score_predictions(predictions, recording, sole_length_m(walk.config))["proposed"].rows()
                 rows_of_fault.setdefault(label, []).append(rows)

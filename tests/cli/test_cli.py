@@ -37,6 +37,7 @@ COMMANDS = (
     "view",
 )
 FILES = {"recording.mcap", "scores.json", "report.html", "run.rrd", "foot_ins_l.txt", "foot_ins_r.txt"}
+FILES |= {"foot_ins_l.calibration.json", "foot_ins_r.calibration.json"}
 FILES |= {"foot_to_foot_l.txt", "foot_to_foot_r.txt", "gait_phase_l.csv", "gait_phase_r.csv"}
 
 

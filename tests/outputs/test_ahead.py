@@ -138,6 +138,7 @@ def walk() -> AlignedWalk:
         frame="head/imu",
         poses=poses,
         camera=None,
+        statuses=None,
         alignment=MovingAlignment(poses, truth),
         p_frame_in_world=places,
         place_m=places[:, 0],

@@ -105,7 +105,9 @@ def test_steps_live_are_steps_offline(seen, tmp_path):
 
 def poses_and_rest(recording, odometry):
     """What leads a map through a recording, as `run` does it: the odometry's poses, insoles and depth in order."""
-    return merge_poses(odometry.path[odometry.healthy], recording, [*INSOLES, "/head/depth"], odometry.camera)
+    healthy = odometry.healthy
+    topics = [*INSOLES, "/head/depth"]
+    return merge_poses(odometry.path[healthy], recording, topics, odometry.camera, odometry.status[healthy])
 
 
 @pytest.mark.usefixtures("started")
