@@ -146,12 +146,7 @@ def _decide_class(memory: state.FilterState, parameters: KernelParameters, mean:
     # `UNLEARNT_VARIANCE` is the prior probability times the variance of the wide class
     wide = parameters.wide_bias_share
     wide = wide / (wide + (1.0 - wide) * math.exp(-min(log_ratio, 50.0)))
-    # variance of the mixture of both classes after this rest, and the variance before it that gives the same
-    gain, wide_gain = narrow2 / (narrow2 + variance), wide2 / (wide2 + variance)
-    apart2 = dot(mean, mean) / 3.0 * (wide_gain - gain) ** 2
-    mixture = (gain + wide * (wide_gain - gain)) * variance + wide * (1.0 - wide) * apart2
-    same2 = 1.0 / (1.0 / mixture - 1.0 / variance) if mixture < wide_gain * variance else wide2
-    add_unlearnt(memory, same2 - narrow2)
+    add_unlearnt(memory, wide * (wide2 - narrow2))
     unlearnt[state.UNLEARNT_VARIANCE] = 0.0
 
 
