@@ -45,6 +45,8 @@ that of images of another size to count as the same lens."""
 _GOLDEN = 0.618034  # multiples of the golden ratio are spread evenly, however many there are
 _SPOILING_OFFSET_S = 0.02
 """Offset of the clocks beyond which an odometry does not find it by itself, s: four times what `dvio` assumes."""
+_HALF_READOUT_S = 0.0167
+"""Half of the longest usual readout, the period of 30 images a second, s."""
 _LARGEST_CORRECTION_S = 1.0
 """Largest shift that a calibration file may have, s."""
 
@@ -113,9 +115,10 @@ class CameraFit:
             yield CameraFault(text=self._describe_up(self.up), spoils=False, is_certain=False)
         if clock.is_off and self.overlaps:
             spoils = abs(clock.unexplained_s) - clock.half_s > _SPOILING_OFFSET_S
-            may_roll = self.is_imported and not self.camera.readout_s and not spoils
-            hint = "; a rolling shutter without `readout_s` looks alike" if may_roll else ""
-            yield CameraFault(text=self._describe_clock(clock) + hint, spoils=spoils, is_certain=not may_roll)
+            # an unknown readout of a rolling shutter looks like half of it, and an odometry finds as much by itself
+            is_rolling = self.is_imported and not self.camera.readout_s and abs(clock.unexplained_s) < _HALF_READOUT_S
+            if not is_rolling:
+                yield CameraFault(text=self._describe_clock(clock), spoils=spoils)
         if self.focal is not None and self.focal.is_off:
             yield CameraFault(text=self._describe_focal(self.focal), spoils=True)
         if self.lever is not None and self.lever.is_off:
