@@ -1,6 +1,6 @@
 """Visual-inertial odometry with a camera's clock or forces that are off, and in darkness.
 
-`python -m benchmarks.vio_errors [--seeds FIRST COUNT] [--walks NAME ...] [--errors NAME ...] [--json]`.Each walk of
+`python -m benchmarks.vio_errors [--seeds FIRST COUNT] [--walks NAME ...] [--errors NAME ...] [--json]`. Each walk of
 the twin is recorded once and replayed with every error: the camera's clock 100 ms off to either side, forces 3 % too
 large or too small, and no light from 5 s on, with depth images and without. Figures are means over the walks: error at
 the end in m and in percent of the way, with the start aligned; height there; NEES of the position (3 if consistent),

@@ -12,7 +12,7 @@ from stridetwin.cli.commands import EstimateOptions
 from stridetwin.cli.options import NO_FILE, Outcome, Progress
 from stridetwin.cli.recording import open_source, table_request
 from stridetwin.estimators import registry
-from stridetwin.estimators.base import Declaration, Options, PathEstimate
+from stridetwin.estimators.base import Declaration, Options
 from stridetwin.outputs.base import AnyKind, FileOptions, Output, part_file
 from stridetwin.outputs.feeding import EstimatorClass, Instance, check_topics, instance_for
 from stridetwin.outputs.parameters import ParameterValues, check_used, parse_parameters, with_parameters
@@ -200,7 +200,7 @@ def estimators_that(choose: Callable[[Declaration], bool]) -> str:
 def _run_on_table(
     arguments: EstimateOptions, estimator_class: EstimatorClass, options: Options, parameters: ParameterValues
 ) -> _Run | None:
-    """Runs an estimator that reads IMU tables (it has `follow_block`) on a table.
+    """Runs an estimator that reads IMU tables (it has `estimate_block`) on a table.
 
     A table with options that describe streams (`--rig`, `--map`, `--as`) is read as a recording instead.
 
@@ -213,22 +213,18 @@ def _run_on_table(
     Returns:
         Its path; None if the estimator reads no tables or the source is no table.
     """
-    follow_block = getattr(estimator_class, "follow_block", None)
+    estimate_block = getattr(estimator_class, "estimate_block", None)
     has_layout = bool(arguments.rig or arguments.map or arguments.kind)
-    if follow_block is None or has_layout or not is_table(arguments.source, table_request(arguments)):
+    if estimate_block is None or has_layout or not is_table(arguments.source, table_request(arguments)):
         return None
     block = _read_imu(arguments, options.foot)
     rig = _rig_of_table(arguments.imu or AUTO, block, options.foot)
-    # the estimator's parameters with those of `--set`; None without any, then `follow_block` takes its defaults
+    # the estimator's parameters with those of `--set`; None without any, then `estimate_block` takes its defaults
     values = with_parameters(
         Instance(estimator_class=estimator_class, options=options, streams=()), parameters
     ).parameters
     more = {} if values is None else {"parameters": values}
-    estimate_block = getattr(estimator_class, "estimate_block", None)
-    if estimate_block is not None:
-        path = replace(estimate_block(block, options, rig, **more), name=arguments.estimator)
-    else:
-        path = PathEstimate(name=arguments.estimator, frame="", path=follow_block(block, options, rig, **more))
+    path = replace(estimate_block(block, options, rig, **more), name=arguments.estimator)
     if missing := len(block) - len(path.path):
         print_warnings(arguments.source, [f"no pose at {missing} of {len(block)} samples, where none can be trusted"])
     lines = [] if rig is None else [_describe_imu(imu) for imu in rig.imus.values()]

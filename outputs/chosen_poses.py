@@ -264,7 +264,7 @@ def _set_upright(recording: Recording, path: Trajectory, frame: str) -> tuple[Tr
     Returns:
         The poses, and a remark on what was found, which begins with ", " or is empty.
     """
-    images = _posed_images(recording, path, frame)
+    images = _list_posed_images(recording, path, frame)
     coarse = upward(_views_of(images))  # in the world of the given poses; None without any ground
     if coarse is None:
         return path, ", no level ground in their depth images shows whether their z axis is up"
@@ -324,10 +324,10 @@ def _views(recording: Recording, path: Trajectory, frame: str) -> list[tuple[Arr
         path: Poses of `frame`.
         frame: Frame of the poses; "" is the depth camera's optical frame.
     """
-    return _views_of(_posed_images(recording, path, frame))
+    return _views_of(_list_posed_images(recording, path, frame))
 
 
-def _posed_images(recording: Recording, path: Trajectory, frame: str) -> list[_PosedImage]:
+def _list_posed_images(recording: Recording, path: Trajectory, frame: str) -> list[_PosedImage]:
     """Some depth images with the camera's pose in the world of the poses.
 
     Args:

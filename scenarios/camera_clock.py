@@ -295,7 +295,7 @@ def _choose_window(near: _Window | None, windows: Sequence[_Window], block: NDAr
         best = min(far, key=lambda w: float(np.nanmean(_limit(w.squared))))
         others = [w for w in windows if w is not best]
         rivals = [w.nominal for w in others] + ([w.turned for w in others] if best.is_turned else [])
-        if all(fits_better(best.squared, rival, block) for rival in rivals):
+        if all(_fits_better(best.squared, rival, block) for rival in rivals):
             return best
     return near
 
@@ -305,7 +305,7 @@ def _limit(squared: Array) -> Array:
     return np.asarray(np.minimum(squared, _OUTLIER * np.nanmedian(squared)))
 
 
-def fits_better(squared: Array, rival: Array, block: NDArray[np.intp]) -> bool:
+def _fits_better(squared: Array, rival: Array, block: NDArray[np.intp]) -> bool:
     """Whether squared differences (N,) are significantly less than those of a rival, over the blocks of both."""
     both = np.isfinite(squared) & np.isfinite(rival)
     if not both.any():

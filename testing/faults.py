@@ -270,4 +270,4 @@ def _part(rig: Rig, topic: str) -> str:
 def _order(arrival: SampleInTransit) -> tuple[int, int]:
     """Sort key of arrivals: by the time of arrival, then poses first, then by kind as a recorder orders them."""
     kind = type(arrival.item)
-    return arrival.log_ns, -1 if kind is Odometry else rank_of(kind)  # type: ignore[arg-type]
+    return arrival.log_ns, -1 if issubclass(kind, Odometry) else rank_of(kind)  # type: ignore[arg-type]

@@ -33,7 +33,6 @@ _FLOW_SD_PER_S = 0.005  # least noise of the motion of a corner
 _MEMORY_S = 4.0  # pairs of images that are compared; the IMU's samples reach back 6 s
 _STEP_S = 0.005  # between the shifts that are compared
 _MOST_S = 0.15  # farthest shift
-_EVERY = 1  # rotations between two comparisons
 _MIN_PAIRS = 5  # fewest rotations that are compared
 _ROTATION_CAP = 6.0  # squared differences count up to this many times their median
 _RATE_FLOOR_RADPS = 0.005  # standard deviation of a rate beyond that, for rolling shutter and moving things
@@ -99,7 +98,7 @@ class ClockSearch:
         self._corners: NDArray[np.float32] = np.zeros((0, 1, 2), np.float32)
         self._followed = self._corners
         self._rotations: deque[ImageRotation] = deque()
-        self._due = _EVERY  # pairs until the next comparison
+        self._has_new = False  # whether a rotation has come since the last comparison
 
     def restart(self) -> None:
         """Begins anew, as after a failure."""
@@ -125,7 +124,7 @@ class ClockSearch:
                 fit = self._fit_rotation(depth, elapsed_s)
                 if fit is not None:
                     self._rotations.append(ImageRotation(self._start_ns, t_ns, *fit))
-                    self._due -= 1
+                    self._has_new = True
             corners = cv2.goodFeaturesToTrack(half, _POINTS, _QUALITY, _DISTANCE_PX)
             self._corners = np.zeros((0, 1, 2), np.float32) if corners is None else np.asarray(corners, np.float32)
             self._followed, self._start_ns = self._corners.copy(), t_ns
@@ -156,9 +155,9 @@ class ClockSearch:
             offset_s: Present offset: the IMU's time less the camera's.
             first_offset_s: That with which the window began, and by which its first images were used.
         """
-        if self._due > 0 or len(self._rotations) < _MIN_PAIRS:
+        if not self._has_new or len(self._rotations) < _MIN_PAIRS:
             return offset_s
-        self._due = _EVERY
+        self._has_new = False
         spans = np.array([(r.start_ns, r.end_ns) for r in self._rotations], np.int64)
         rates = np.array([r.rate for r in self._rotations]) @ R_imu_camera.T
         covariances = R_imu_camera @ np.array([r.covariance for r in self._rotations]) @ R_imu_camera.T

@@ -495,10 +495,10 @@ class Dvio:
         clock.add_image(frame.t_ns, frame.grey, frame.depth if self._parameters.method.uses_depth else None)
         mount = core.window.calibration
         offset_s = float(mount.offset[0])
-        found_s = clock.find_offset(core.inertial, mount.R, offset_s, core.first_offset_s)
-        if found_s == offset_s:
+        corrected_s = clock.find_offset(core.inertial, mount.R, offset_s, core.first_offset_s)
+        if corrected_s == offset_s:
             return False
-        mount.offset[0] = core.first_offset_s = found_s
+        mount.offset[0] = core.first_offset_s = corrected_s
         self._initializer.reset()
         if self._health not in _RUNNING:
             return True

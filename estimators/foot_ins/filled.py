@@ -47,7 +47,9 @@ def _grow(filled: Array, row: int, is_line: bool, dt: float, size: float, curvat
 
 
 @njit(**INNER_KERNEL)
-def filled_variances(memory: state.FilterState, dt: float, rate: float, acceleration: float) -> tuple[float, float]:
+def find_filled_variances(
+    memory: state.FilterState, dt: float, rate: float, acceleration: float
+) -> tuple[float, float]:
     """Variances that the newest sample adds to attitude (rad²) and velocity (m²/s²), because it continues a line.
 
     Drivers fill lost packets by straight lines. A line of a moving foot is so exact that no sensor measures it: its

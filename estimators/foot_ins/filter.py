@@ -20,7 +20,6 @@ from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import ImuCalibration, Rig
 from stridetwin.streams.samples import Array, Block, Imu
-from stridetwin.streams.trajectory import Trajectory
 
 
 class FootIns:
@@ -114,23 +113,12 @@ class FootIns:
         return [replace(estimate, write_calibration=partial(write_learnt, estimator.learnt))]
 
     @classmethod
-    def follow_block(
-        cls, block: Block[Imu], options: Options, rig: Rig | None = None, parameters: FootInsParameters | None = None
-    ) -> Trajectory:
-        """The path of a single IMU; without a rig, of one that is assumed to be a consumer sensor.
-
-        Poses long after a stance (`LONGEST_WITHOUT_STANCE_S`) are left out.
-
-        Raises:
-            StrideTwinError: There is no stance after the alignment.
-        """
-        return cls.estimate_block(block, options, rig, parameters).path
-
-    @classmethod
     def estimate_block(
         cls, block: Block[Imu], options: Options, rig: Rig | None = None, parameters: FootInsParameters | None = None
     ) -> PathEstimate:
-        """The path of a single IMU as `follow_block` gives it, with what was learnt of the sensor.
+        """The path of a single IMU, with what was learnt of it; without a rig, it is assumed to be a consumer sensor.
+
+        Poses long after a stance (`LONGEST_WITHOUT_STANCE_S`) are left out.
 
         Raises:
             StrideTwinError: There is no stance after the alignment.

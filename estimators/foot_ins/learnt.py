@@ -114,8 +114,8 @@ def read_learnt(file: Path) -> LearntCalibration:
     except (json.JSONDecodeError, RecursionError) as error:
         raise ConfigError(source, "", "no JSON", "a calibration file that an estimate of foot_ins wrote") from error
     if not isinstance(values, Mapping) or values.get("format") != _FORMAT:
-        found = values.get("format") if isinstance(values, Mapping) else type(values).__name__
-        raise ConfigError(source, "format", found, repr(_FORMAT))
+        written = values.get("format") if isinstance(values, Mapping) else type(values).__name__
+        raise ConfigError(source, "format", written, repr(_FORMAT))
     if not isinstance(part := values.get("part"), str):
         raise ConfigError(source, "part", part, "a text")
     delay = values.get("force_later_s")

@@ -7,7 +7,7 @@ import math
 from numba import njit
 
 from stridetwin.estimators.foot_ins import state
-from stridetwin.estimators.foot_ins.filled import filled_variances
+from stridetwin.estimators.foot_ins.filled import find_filled_variances
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.streams.algebra.tuples import (
     Mat3,
@@ -250,7 +250,7 @@ def predict(memory: state.FilterState, parameters: KernelParameters, rate: Vec3,
         attitude_noise += _GAP_GYRO_NOISE_RADPS_RTHZ**2
         velocity_noise += _GAP_ACCEL_NOISE_MPS2_RTHZ**2
     # of samples that a driver filled in
-    turned, pushed = filled_variances(
+    turned, pushed = find_filled_variances(
         memory, dt, math.sqrt(dot(rate, rate)), math.sqrt(dot(acceleration, acceleration))
     )
     axes = transposed(R)  # the sensor's axes in the world

@@ -38,22 +38,8 @@ def normals(depth: NDArray[np.float32], intrinsics: Array) -> Array:
         intrinsics: (4,) fu, fv, pu, pv.
     """
     step = max(1, max(depth.shape) // _CELLS)  # pixels between the points of the grid
-    z = depth[::step, ::step].astype(float)
-    v, u = np.mgrid[: z.shape[0], : z.shape[1]] * step
-    fu, fv, pu, pv = intrinsics
-    points = np.stack([(u - pu) / fu * z, (v - pv) / fv * z, z], axis=-1)
-    r = _REACH
-    # the three points of each normal; a large difference of their depths means two surfaces
-    here, right, below = points[:-r, :-r], points[:-r, r:], points[r:, :-r]
-    nearest = np.minimum(np.minimum(here[..., 2], right[..., 2]), below[..., 2])
-    farthest = np.maximum(np.maximum(here[..., 2], right[..., 2]), below[..., 2])
-    is_surface = (nearest > 0.0) & (farthest - nearest < _JUMP_SHARE * nearest)
-    normal = np.cross((below - here)[is_surface], (right - here)[is_surface])
-    length = np.linalg.norm(normal, axis=1)
-    valid = length > 0.0
-    normal, surface_points = normal[valid] / length[valid, None], here[is_surface][valid]
-    away = np.sign(np.sum(normal * surface_points, axis=1))  # 1 where a normal points away from the camera, else -1
-    return np.asarray(normal * -away[:, None])
+    _, normal, is_surface = _cells(depth, intrinsics, step)
+    return np.asarray(normal[is_surface])
 
 
 def upward(views: Iterable[tuple[Array, Array]]) -> Array | None:
@@ -187,6 +173,7 @@ def _cells(depth: NDArray[np.float32], intrinsics: Array, step: int) -> tuple[Ar
     fu, fv, pu, pv = intrinsics
     points = np.stack([(u - pu) / fu * z, (v - pv) / fv * z, z], axis=-1)
     r = _REACH
+    # the three points of each normal; a large difference of their depths means two surfaces
     here, right, below = points[:-r, :-r], points[:-r, r:], points[r:, :-r]
     nearest = np.minimum(np.minimum(here[..., 2], right[..., 2]), below[..., 2])
     farthest = np.maximum(np.maximum(here[..., 2], right[..., 2]), below[..., 2])

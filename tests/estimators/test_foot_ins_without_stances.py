@@ -25,12 +25,12 @@ def carry_in_hand(rest_s: float, carried_s: float):
 
 def test_a_sensor_that_never_rests_has_no_path():
     with pytest.raises(StrideTwinError, match="is it worn on a foot"):
-        FootIns.follow_block(carry_in_hand(0.0, 40.0), Options())
+        FootIns.estimate_block(carry_in_hand(0.0, 40.0), Options())
 
 
 def test_the_path_stops_where_stances_do_and_goes_on_at_the_next_one():
     block = carry_in_hand(5.0, 30.0)
-    path = FootIns.follow_block(block, Options())
+    path = FootIns.estimate_block(block, Options()).path
     seconds = path.t_ns * 1e-9
     assert not np.any((seconds > 5.1 + LONGEST_WITHOUT_STANCE_S) & (seconds < 34.9))
     assert np.any(seconds > 39.0)
@@ -38,6 +38,6 @@ def test_the_path_stops_where_stances_do_and_goes_on_at_the_next_one():
 
 def test_a_walk_keeps_every_pose():
     t, force, rate = simulate_foot()
-    path = FootIns.follow_block(imu_block(t, rate, force), Options())
+    path = FootIns.estimate_block(imu_block(t, rate, force), Options()).path
     assert len(path) == len(t)
     assert abs(path.p_frame_in_world[-1, 2]) < 0.1

@@ -23,14 +23,14 @@ ROOM = np.array([[0.0, 0.62, 0.1], [0.31, 0.02, 0.05], [0.03, 0.0, 0.33]])
 """A floor, a wall beside and one ahead: planes in 1/m in the camera's axes."""
 
 
-def moved_planes(pi, T, sd=0.0, seed=0):
+def move_planes(pi, T, sd=0.0, seed=0):
     """Planes as a camera sees them from the pose T (4, 4) in the first one's axes, with noise."""
     seen = pi @ T[:3, :3] / (1.0 - pi @ T[:3, 3])[:, None]
     seen = seen + np.random.default_rng(seed).normal(0, sd, pi.shape)
     return Planes(pi=seen, covariance=np.tile(max(sd, 1e-3) ** 2 * np.eye(3), (len(pi), 1, 1)))
 
 
-def measured(pi, sd=0.0, off=(0.03, -0.02, 0.01)):
+def measure_link(pi, sd=0.0, off=(0.03, -0.02, 0.01)):
     """The link between two frames, its true motion, and that motion in the axes of the earlier IMU."""
     calibration = blank_window(3, 4, MOUNT, 0.0).calibration
     T_imu = np.eye(4)
@@ -41,13 +41,13 @@ def measured(pi, sd=0.0, off=(0.03, -0.02, 0.01)):
     predicted.p[:] = T_imu[:3, 3] + off
     covariance = np.diag([0.05**2] * 3 + [0.01**2] * 3)
     link = link_frames(
-        moved_planes(pi, np.eye(4)), moved_planes(pi, T_camera, sd), earlier, predicted, covariance, calibration
+        move_planes(pi, np.eye(4)), move_planes(pi, T_camera, sd), earlier, predicted, covariance, calibration
     )
     return link, T_imu, predicted
 
 
 def test_three_planes_measure_the_whole_motion():
-    link, T_imu, _ = measured(ROOM)
+    link, T_imu, _ = measure_link(ROOM)
     assert link is not None
     np.testing.assert_allclose(link.dp, T_imu[:3, 3], atol=1e-6)
     np.testing.assert_allclose(link.dR, T_imu[:3, :3], atol=1e-6)
@@ -61,7 +61,7 @@ def test_the_information_is_that_of_the_noise():
         true, sd = np.eye(4), 2e-3
         true[:3, 3] = [0.1, 0.0, 0.2]
         T_camera = np.linalg.inv(MOUNT) @ true @ MOUNT
-        after = moved_planes(ROOM, T_camera, sd, seed)
+        after = move_planes(ROOM, T_camera, sd, seed)
         before = Planes(pi=ROOM, covariance=np.tile(1e-12 * np.eye(3), (3, 1, 1)))
         earlier, predicted = blank_nav_state(), blank_nav_state()
         predicted.p[:] = true[:3, 3]
@@ -73,7 +73,7 @@ def test_the_information_is_that_of_the_noise():
 
 
 def test_a_floor_alone_leaves_the_way_along_it_to_the_imu():
-    link, T_imu, _ = measured(ROOM[:1])
+    link, T_imu, _ = measure_link(ROOM[:1])
     assert link is not None
     normal = MOUNT[:3, :3] @ ROOM[0] / np.linalg.norm(ROOM[0])
     assert normal @ (link.dp - T_imu[:3, 3]) == pytest.approx(0.0, abs=2e-3)
@@ -86,7 +86,7 @@ def test_a_floor_alone_leaves_the_way_along_it_to_the_imu():
 
 def test_planes_of_another_room_are_no_link():
     calibration = blank_window(3, 4, MOUNT, 0.0).calibration
-    here, there = moved_planes(ROOM, np.eye(4)), moved_planes(ROOM[:, [1, 2, 0]] * 1.7, np.eye(4))
+    here, there = move_planes(ROOM, np.eye(4)), move_planes(ROOM[:, [1, 2, 0]] * 1.7, np.eye(4))
     states = blank_nav_state(), blank_nav_state()
     assert link_frames(here, there, *states, np.diag([1e-4] * 6), calibration) is None
     assert link_frames(here, Planes(np.zeros((0, 3)), np.zeros((0, 3, 3))), *states, np.eye(6), calibration) is None
