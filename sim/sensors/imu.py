@@ -218,17 +218,16 @@ class ImuModel(SensorModel[ImuCalibration, ImuPart]):
             sensor = past[1:].append_track(sensor)
         dt, rate, force = compute_increments(self._last, sensor, self._gravity)
         self._last = sensor[-1:]
-        if self.steps > 1 or self._delays is not None:
-            sensed = self._filter(np.hstack([rate, force]))
-            if self._delays is None:
-                rate, force = combine_increments(dt, sensed[:, :3], sensed[:, 3:], self.steps)
-            else:
-                # both channels at the earlier instants of one of them, so that rotation and force belong together
-                of_gyroscope, of_accelerometer = (delay(sensed) for delay in self._delays)
-                rate, _ = combine_increments(dt, of_gyroscope[:, :3], of_gyroscope[:, 3:], self.steps)
-                _, force = combine_increments(dt, of_accelerometer[:, :3], of_accelerometer[:, 3:], self.steps)
-        else:  # an ideal part: one step per sample, without filter
-            rate, force = np.split(np.hstack([rate, force]) @ self._mix.T + self._bias, 2, axis=1)
+        sensed = self._filter(np.hstack([rate, force]))
+        if self._delays is not None:
+            # both channels at the earlier instants of one of them, so that rotation and force belong together
+            of_gyroscope, of_accelerometer = (delay(sensed) for delay in self._delays)
+            rate, _ = combine_increments(dt, of_gyroscope[:, :3], of_gyroscope[:, 3:], self.steps)
+            _, force = combine_increments(dt, of_accelerometer[:, :3], of_accelerometer[:, 3:], self.steps)
+        elif self.steps > 1:
+            rate, force = combine_increments(dt, sensed[:, :3], sensed[:, 3:], self.steps)
+        else:  # an ideal part, or one that sends samples as often as it reads the motion
+            rate, force = np.split(sensed, 2, axis=1)
         measured = np.hstack([rate, force]) + self._wander.draw(len(t_ns))
         measured += self._noise.normal(self._white, measured.shape)
         measured = _quantize(np.clip(measured, -self._range, self._range), self._resolution)
