@@ -6,13 +6,15 @@ import sys
 import time
 from datetime import timedelta
 
+from stridetwin.streams.errors import to_line
+
 _LONG_S = 600.0
 """A time left of more than this is announced."""
 
 
 def warn(text: str) -> None:
     """Prints a warning on stderr."""
-    print(f"stridetwin: warning: {text}", file=sys.stderr, flush=True)
+    print(to_line(f"stridetwin: warning: {text}"), file=sys.stderr, flush=True)
 
 
 class Forecast:

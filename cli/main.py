@@ -17,7 +17,7 @@ import typer
 from stridetwin.cli.commands import COMMANDS, Command
 from stridetwin.cli.console import Console, show
 from stridetwin.cli.options import Options, Outcome, Progress, check_outputs
-from stridetwin.streams.errors import StrideTwinError, missing_library_error, was_interrupted
+from stridetwin.streams.errors import StrideTwinError, missing_library_error, to_line, was_interrupted
 from stridetwin.streams.files import final_name
 
 _PIPE_CLOSED = 128 + 13  # as a shell reports SIGPIPE
@@ -89,9 +89,8 @@ def _run(call: Call, console: Console) -> int:
             raise
         return _print_error(console, str(missing))
     except OSError as error:
-        return _print_error(
-            console, f"{final_name(str(error.filename))}: {error.strerror}" if error.filename else str(error)
-        )
+        named = f"{final_name(str(error.filename))}: {error.strerror}" if error.filename else str(error)
+        return _print_error(console, to_line(named))
     except (KeyboardInterrupt, SystemError) as error:
         if not was_interrupted(error):
             raise

@@ -24,7 +24,7 @@ from stridetwin.scenarios.cost import Cost, cost_of, scale_cost
 from stridetwin.scenarios.scenario_file import CAMERAS, Scenario, catalogue, load_scenario
 from stridetwin.scenarios.score_needs import estimators_of, sensors_of, with_sensors_for
 from stridetwin.sim.parts.sensor_config import KIND
-from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.errors import ConfigError, StrideTwinError, to_line
 from stridetwin.streams.validation import suggest
 
 _PRICED_WALKS = 20  # of a campaign, whose cost is announced by that of these
@@ -180,7 +180,7 @@ def load_with_notes(name: str) -> Scenario:
     """Loads a scenario by its name in the catalogue or its file, and prints its notes on stderr."""
     scenario = load_scenario(name)
     for note in scenario.notes:
-        print(f"stridetwin: note: {note}", file=sys.stderr)
+        print(to_line(f"stridetwin: note: {note}"), file=sys.stderr)
     return scenario
 
 

@@ -29,7 +29,7 @@ from stridetwin.scenarios.campaign import manifest
 from stridetwin.scenarios.campaign.walk import ACCEPTED, RECORDINGS
 from stridetwin.scenarios.files import sha256
 from stridetwin.scenarios.record import Progress
-from stridetwin.streams.errors import StrideTwinError, was_interrupted
+from stridetwin.streams.errors import StrideTwinError, to_line, was_interrupted
 from stridetwin.streams.formats.opening import open_with_warnings
 from stridetwin.streams.recording.reader import Recording
 
@@ -127,7 +127,7 @@ def _jobs_of_campaign(folder: Path, settings: dict[str, Any]) -> list[ScoringJob
     unlisted = {file.name for file in (folder / RECORDINGS).glob("*.mcap")} - {job.path.name for job in jobs}
     if unlisted:
         text = f"{len(unlisted)} recordings, such as {min(unlisted)}, are not in {path}; they are not scored"
-        print(f"stridetwin: warning: {folder / RECORDINGS}: {text}", file=sys.stderr)
+        print(to_line(f"stridetwin: warning: {folder / RECORDINGS}: {text}"), file=sys.stderr)
     return jobs
 
 

@@ -45,8 +45,8 @@ class StrideTwinError(Exception):
     """Root of every error that a user can cause; the command line prints it as one line and exits with 2."""
 
     def __init__(self, *args: object) -> None:
-        """Takes the message, parts of which may come from a file."""
-        super().__init__(*(to_lines(arg) if isinstance(arg, str) else arg for arg in args))
+        """Takes the message, parts of which may come from a file or be its name; line feeds in it become escapes."""
+        super().__init__(*(to_line(arg) if isinstance(arg, str) else arg for arg in args))
 
 
 @contextmanager
@@ -142,7 +142,7 @@ class ConfigError(StrideTwinError):
         """Builds the message `SOURCE: FIELD: invalid VALUE: expected VALID`."""
         self.source, self.field, self.value, self.valid = str(source), field, value, valid
         where = f"{source}: {field}" if field else str(source)
-        super().__init__(to_line(f"{where}: {self.problem}"))
+        super().__init__(f"{where}: {self.problem}")
 
     @property
     def problem(self) -> str:
@@ -202,15 +202,15 @@ class ConfigFileError(ConfigError):
     def __init__(self, errors: Sequence[StrideTwinError]) -> None:
         """Takes the fields of the first ConfigError, and joins the messages of the first errors, one per line.
 
-        The fields are absent if there is no ConfigError. `ConfigError.__init__` is skipped, as it makes a message for
-        one value.
+        The fields are absent if there is no ConfigError. The constructors of its bases are skipped, as they make a
+        message of one line.
         """
         first = next((e for e in errors if isinstance(e, ConfigError)), None)
         if first is not None:
             self.source, self.field, self.value, self.valid = first.source, first.field, first.value, first.valid
         more = [f"... and {len(errors) - _MOST_LINES} more errors"] if len(errors) > _MOST_LINES else []
         self.errors = tuple(errors)
-        StrideTwinError.__init__(self, "\n".join([*map(str, errors[:_MOST_LINES]), *more]))
+        Exception.__init__(self, "\n".join([*map(str, errors[:_MOST_LINES]), *more]))
 
     def __reduce__(self) -> tuple[type[ConfigFileError], tuple[tuple[StrideTwinError, ...]]]:  # type: ignore[override]
         """Pickles the list of errors, so that a worker process can raise all of them."""

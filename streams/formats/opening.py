@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from stridetwin.streams.depth_planes import choose_views, find_implausible_views
-from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError, read_error
+from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError, read_error, to_line
 from stridetwin.streams.formats import euroc, iphone, openloris, seven_scenes, tum_rgbd
 from stridetwin.streams.formats.aria_vrs import read_aria_vrs
 from stridetwin.streams.formats.assumed_calibration import read_first_image_size, with_assumed_calibration
@@ -283,7 +283,7 @@ def open_with_warnings(
 def print_warnings(path: Path, warnings: Iterable[str]) -> None:
     """Prints warnings about a source on stderr."""
     for warning in warnings:
-        print(f"stridetwin: warning: {path}: {warning}", file=sys.stderr)
+        print(to_line(f"stridetwin: warning: {path}: {warning}"), file=sys.stderr)
 
 
 def _recognise_folder(path: Path) -> str:

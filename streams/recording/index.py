@@ -438,7 +438,8 @@ def parse_rig_attachment(body: bytes) -> Rig | None:
     try:
         return rig_from_yaml(attachment.data.decode(), RIG_NAME)
     except (UnicodeDecodeError, StrideTwinError) as error:
-        raise DamagedError(f"invalid calibration: {error}") from error
+        # each invalid value has a line in the error
+        raise DamagedError(f"invalid calibration: {'; '.join(str(error).splitlines())}") from error
 
 
 def read_calibration(path: Path, notes: Notes) -> tuple[Rig, dict[str, str]]:

@@ -261,9 +261,31 @@ def test_missing_inputs_are_reported_in_one_line(capsys, words, said):
 
 
 @pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("run", "{}.yaml"), "cannot be read"),
+        (("generate", "level_20m", "-o", "{}_rows.csv/walk.mcap"), "_rows.csv"),
+        (("score", "{}.mcap"), "cannot be read"),
+        (("check", "{}.bag"), "cannot be read"),
+        (("estimate", "foot_ins", "{}.csv", "-o", "x.txt"), "cannot be read"),
+        (("estimate", "foot_ins", "{}_rows.csv", "-o", "x.txt"), "expected"),
+        (("run", "{}_keys.yaml"), "missing"),
+    ],
+)
+def test_a_line_break_in_the_name_of_a_file_is_an_escape_in_its_error(capsys, tmp_path, words, said):
+    (tmp_path / "two\nlines_rows.csv").write_text("no,table\n1,2\n")
+    (tmp_path / "two\nlines_keys.yaml").write_text("description: a\n")
+    line = failed(capsys, *(word.format(tmp_path / "two\nlines") for word in words))
+    assert f"{tmp_path}/two\\nlines" in line
+    assert said in line
+
+
+@pytest.mark.parametrize(
     "words",
     [
         ("walk",),
+        ("walk", "two\nlines"),
+        ("run", "demo", "--two\nlines"),
         ("run",),
         ("run", "demo", "--seed", "-1"),
         ("run", "demo", "--physics", "ragdoll"),
