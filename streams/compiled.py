@@ -23,6 +23,8 @@ KNOWN = ((0, 61), (0, 69))
 """First version of Numba whose inside is known, and the first one beyond."""
 INTERNALS = (
     ("numba._dynfunc", "make_function"),
+    ("numba.core.base", "BaseContext.nrt"),
+    ("numba.core.base", "BaseContext.subtarget"),
     ("numba.core.caching", "IndexDataCacheFile"),
     ("numba.core.codegen", "JITCodeLibrary._get_module_for_linking"),
     ("numba.core.codegen", "JITCodeLibrary.finalize"),
@@ -31,7 +33,9 @@ INTERNALS = (
     ("numba.core.compiler", "CompilerBase"),
     ("numba.core.compiler", "DefaultPassBuilder.define_nopython_pipeline"),
     ("numba.core.compiler_machinery", "register_pass"),
+    ("numba.core.datamodel.models", "DataModel.contains_nrt_meminfo"),
     ("numba.core.dispatcher", "Dispatcher.get_call_template"),
+    ("numba.core.ir", "StaticSetItem"),
     ("numba.core.typed_passes", "NativeLowering.run_pass"),
 )
 """Modules of Numba and what of them is used, beside `_compiler.pipeline_class` of any function, and
@@ -84,8 +88,8 @@ if _WITH_INTERNALS:
 
     INNER_KERNEL = _InnerOptions(no_cfunc_wrapper=True, no_cpython_wrapper=True, pipeline_class=PartCompiler)
 
-_ALGEBRA = [Path(__file__).parent / "algebra" / name for name in ("matrices.py", "tuples.py")]
-"""Sources that count for every function, because most call them."""
+_COMMON = [Path(__file__).parent / name for name in ("algebra/matrices.py", "algebra/tuples.py", "part_compiler.py")]
+"""Sources that count for every function, because most call them, or because they make its machine code."""
 F = TypeVar("F", bound=Callable[..., object])
 _entry_kernels: list[Any] = []
 """Every kernel that `entry_kernel` has made; `is_uncompiled` looks through them."""
@@ -100,7 +104,7 @@ def entry_kernel(*sources: str | Path, llvm_level: int = 3, **options: object) -
 
     Args:
         sources: Files, and folders of Python files, of all that is compiled into the functions; the compiled modules of
-            `streams/algebra` count for every function.
+            `streams/algebra` and `streams/part_compiler` count for every function.
         llvm_level: Level of LLVM's optimisation, 1 to 3. Compilation at level 1 takes a tenth less time than at 3, and
             the numbers are the same; long sequences of scalar operations are then no slower, and loops over images are
             slower by a quarter. Not used if Numba's inside is unknown.
@@ -109,7 +113,7 @@ def entry_kernel(*sources: str | Path, llvm_level: int = 3, **options: object) -
     Returns:
         Decorator of a plain function, or of one that is compiled for others to call.
     """
-    stamp = digest_of_sources(*_ALGEBRA, *sources)
+    stamp = digest_of_sources(*_COMMON, *sources)
     settings = dict[str, Any](options)
     if _WITH_INTERNALS:
         settings |= {"no_cfunc_wrapper": True, "pipeline_class": entry_compiler(llvm_level)}

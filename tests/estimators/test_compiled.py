@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import ast
+import gc
 import importlib.util
 import sys
 import tomllib
+import weakref
 from pathlib import Path
 from types import ModuleType
 
 import numba
+import numpy as np
 import pytest
+from numba.core.runtime import _nrt_python, rtsys
 
 from stridetwin import estimators, sim, streams
-from stridetwin.streams import compiled
+from stridetwin.streams import compiled, part_compiler
 from stridetwin.streams.compiled import KNOWN, entry_kernel, find_missing_internals, is_known, is_uncompiled
 from stridetwin.streams.part_compiler import PartLibrary, _list_called_libraries
 
@@ -231,3 +235,138 @@ def test_a_part_is_linked_after_all_that_call_it():
     assert len(order) == 4
     for caller in order:
         assert all(order.index(caller) < order.index(called) for called in caller._linking_libraries)
+
+
+ARRAYS = """
+from typing import NamedTuple
+
+from numba import njit
+import numpy as np
+from stridetwin.streams.compiled import INNER_KERNEL
+
+
+class Memory(NamedTuple):
+    first: np.ndarray
+    second: np.ndarray
+
+
+@njit(**INNER_KERNEL)
+def add_row(row, factor):
+    for i in range(len(row)):
+        row[i] += factor
+
+
+@njit(**INNER_KERNEL)
+def borrow(memory):
+    both, low = (memory.first, memory.second), memory.first[0]
+    for k in range(len(memory.first)):
+        row = memory.first[k] if k % 2 else low
+        add_row(row[1:], both[1][0, 0])
+    return both[0][0, 1]
+
+
+@njit(**INNER_KERNEL)
+def view(memory):
+    return memory.first[1:]
+
+
+@njit(**INNER_KERNEL)
+def view_and_rest(memory):
+    return memory, memory.second[0], 1.0
+
+
+@njit(**INNER_KERNEL)
+def make(memory):
+    made = np.zeros(3)
+    made[0] = memory.first[0, 0]
+    return made.sum()
+
+
+@njit(**INNER_KERNEL)
+def take_view(memory):
+    return view(memory)[0, 0]
+
+
+@njit(**INNER_KERNEL)
+def copy_rows(memory):
+    memory.first[:2] = memory.first[1:3]
+    return 0.0
+
+
+@njit(**INNER_KERNEL)
+def pick_rows(memory, rows):
+    return memory.first[rows][0, 1]
+
+
+@njit(**INNER_KERNEL)
+def hold_list(memory):
+    rows = [memory.first[0]]
+    rows.append(memory.second[0])
+    return rows[1][0]
+
+
+def outer(first, second, rows):
+    memory = Memory(first, second)
+    total = borrow(memory) + make(memory) + take_view(memory) + copy_rows(memory) + hold_list(memory)
+    total += pick_rows(memory, rows)
+    kept, row, one = view_and_rest(memory)
+    for k in range(50):
+        total += borrow(kept) + view(memory)[0, 0] + row[0] + one
+    return total
+"""
+
+
+def test_references_are_counted_in_parts_that_make_or_return_arrays_alone(tmp_path, monkeypatch):
+    (tmp_path / "arrays.py").write_text(ARRAYS)
+    borrows, judge = {}, part_compiler._only_borrows_arrays
+
+    def note(state):
+        borrows[state.func_id.func_name] = is_borrowing = judge(state)
+        return is_borrowing
+
+    monkeypatch.setattr(part_compiler, "_only_borrows_arrays", note)
+    kernel = entry_kernel(tmp_path)(loaded(tmp_path, "arrays").outer)
+    (tmp_path / "interpreted.py").write_text(ARRAYS.replace("@njit(**INNER_KERNEL)\n", ""))
+    interpreted = loaded(tmp_path, "interpreted").outer
+    _nrt_python.memsys_enable_stats()
+    before = rtsys.get_allocation_stats()
+    totals, ends, arrays = [], [], []
+    for outer in (kernel, interpreted):
+        first, second = np.arange(9.0).reshape(3, 3), np.full((3, 3), 0.5)
+        totals.append(outer(first, second, np.array([2, 0])))
+        ends.append((first.tolist(), second.tolist()))
+        arrays += [weakref.ref(first), weakref.ref(second)]
+        del first, second
+    assert totals[0] == totals[1]
+    assert ends[0] == ends[1]
+    parts = ("add_row", "borrow", "copy_rows", "hold_list", "make", "pick_rows", "take_view", "view", "view_and_rest")
+    assert [name for name in parts if borrows[name]] == ["add_row", "borrow"]
+    # nothing is kept, and nothing is freed that is still in use
+    gc.collect()
+    assert [array() for array in arrays] == [None] * 4
+    after = rtsys.get_allocation_stats()
+    _nrt_python.memsys_disable_stats()
+    assert after.alloc - before.alloc == after.free - before.free
+    assert after.mi_alloc - before.mi_alloc == after.mi_free - before.mi_free > 0
+
+
+def test_while_a_function_is_compiled_python_looks_for_no_unreachable_objects(tmp_path, monkeypatch):
+    (tmp_path / "inner.py").write_text(INNER)
+    (tmp_path / "outer.py").write_text(OUTER)
+    monkeypatch.setitem(sys.modules, "inner", loaded(tmp_path, "inner"))
+    seen, build = [], part_compiler._build_pipelines
+
+    def note(*arguments):
+        seen.append(gc.isenabled())
+        return build(*arguments)
+
+    monkeypatch.setattr(part_compiler, "_build_pipelines", note)
+    for is_on in (False, True):
+        (gc.enable if is_on else gc.disable)()
+        try:
+            entry_kernel(tmp_path)(loaded(tmp_path, "outer").outer)(3.0 if is_on else 3)
+            assert gc.isenabled() is is_on
+        finally:
+            gc.enable()
+    assert len(seen) >= 2
+    assert not any(seen)
