@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from local_cluster import open_cluster
 
 from stridetwin.batch.executors import BatchOptions
 from stridetwin.cli.main import main
@@ -23,7 +24,6 @@ from stridetwin.studies.placement.run import PlacementOptions, run_placement
 from stridetwin.studies.registry import ExperimentBatchOptions, run_experiment
 
 pytest.importorskip("mujoco")
-distributed = pytest.importorskip("distributed")
 
 STEPS = {
     "description": "a few steps",
@@ -35,9 +35,7 @@ STEPS = {
 
 @pytest.fixture(scope="module")
 def cluster():
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
-    ) as local:
+    with open_cluster() as local:
         yield local
 
 

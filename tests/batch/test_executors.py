@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from frail_pool import make_frail
+from local_cluster import open_cluster
 
 from stridetwin.batch.executors import open_executor
 from stridetwin.batch.jobs import Failure, Job, Work, content_key, one_by_one
@@ -61,10 +62,7 @@ def run(jobs, work=SQUARES, **options):
 
 @pytest.fixture(scope="module")
 def cluster():
-    distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
-    ) as local:
+    with open_cluster() as local:
         yield {"scheduler": local.scheduler_address}
 
 

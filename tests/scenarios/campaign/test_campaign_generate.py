@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from frail_pool import make_frail
+from local_cluster import open_cluster
 from small_campaign import SHORT, SMALL, write
 
 from stridetwin.batch import executors
@@ -124,7 +125,6 @@ def test_two_workers_give_the_same_bytes(one, campaign, tmp_path):
 
 
 def test_a_cluster_of_two_of_which_one_is_killed_gives_the_same_bytes(one, campaign, tmp_path):
-    distributed = pytest.importorskip("distributed")
     killed = []
 
     def kill_one(stage: str, share: float) -> None:
@@ -132,9 +132,7 @@ def test_a_cluster_of_two_of_which_one_is_killed_gives_the_same_bytes(one, campa
             killed.append(next(iter(cluster.workers.values())).pid)
             os.kill(killed[0], signal.SIGKILL)
 
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
-    ) as cluster:
+    with open_cluster() as cluster:
         asked = CampaignOptions(folder=tmp_path / "cluster", scheduler=cluster.scheduler_address)
         assert generate(campaign, asked, kill_one).generated == 3
     assert len(killed) == 1
