@@ -15,7 +15,6 @@ from stridetwin.estimators.base import FOOT_NAMES
 from stridetwin.outputs.path.figures import COLORS
 from stridetwin.pages.plot import MUTED, Plot, faint
 from stridetwin.reference.norms import level_norm, read_reference, speed_group
-from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Array, Footprint
 
@@ -105,7 +104,7 @@ def joint_figures(recording: Recording, strides: list[Stride]) -> list[Markup]:
     return figures
 
 
-def ground_reaction_figure(recording: Recording, strides: list[Stride], mass_kg: float) -> str:
+def ground_reaction_figure(recording: Recording, strides: list[Stride], carried_weight_n: float) -> str:
     """Vertical load of one foot over the gait cycle, in multiples of the carried weight; empty without its truth.
 
     At a comfortable speed, boxes show the ranges of people's two peaks and of the valley between them.
@@ -113,14 +112,14 @@ def ground_reaction_figure(recording: Recording, strides: list[Stride], mass_kg:
     Args:
         recording: The walk.
         strides: Strides on the level.
-        mass_kg: Mass that the feet carry: of the person and of the exoskeleton.
+        carried_weight_n: Weight that the feet carry at the site of the walk: of the person and of the exoskeleton.
     """
     loads = {}  # by foot: stamps, ns, and vertical load as a share of the carried weight
     for foot in FOOT_NAMES:
         topic = f"/truth/foot_{foot}/wrench"
         if topic in recording.topics and any(s.foot == foot for s in strides):
             block = recording.block(topic)
-            load = block.columns["force_in_world"][:, 2] / (mass_kg * NOMINAL_GRAVITY_MPS2)
+            load = block.columns["force_in_world"][:, 2] / carried_weight_n
             loads[foot] = block.t_ns, load
     if not loads:
         return ""

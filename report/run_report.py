@@ -18,7 +18,6 @@ from stridetwin.report.images import Film, camera_views, jpeg_uri
 from stridetwin.scenarios.metadata import read_injected_faults
 from stridetwin.scenarios.scenario_file import Scenario
 from stridetwin.sim.parts.sensor_config import SensorConfig
-from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.recording.reader import Recording
 
 _RESIDUAL = "/truth/root_residual"  # topic of the external force at a simulated walker's pelvis
@@ -64,7 +63,7 @@ def render_report(data: ReportData) -> str:
         "ideal sensors" if config.ideal else "data-sheet sensors",
     ]
     if _RESIDUAL in data.recording.topics and config.physics == "dynamic":
-        chips.append(_describe_root_help(data.recording, config.person.mass_kg))
+        chips.append(_describe_root_help(data.recording, config.person.mass_kg * config.gravity_mps2))
     if "fell_at_s" in data.recording.metadata:
         chips.append(f"FELL after {data.recording.metadata['fell_at_s']} s")
     sections = [
@@ -84,12 +83,10 @@ def render_report(data: ReportData) -> str:
     return page(name[:1].upper() + name[1:], data.scenario.description, chips, sections, footer)
 
 
-def _describe_root_help(recording: Recording, mass_kg: float) -> str:
+def _describe_root_help(recording: Recording, body_weight_n: float) -> str:
     """Text on the external force at a simulated walker's pelvis, besides the ground's, in % of the body weight."""
     # (N,) size of the force as a share of the body weight
-    force = np.linalg.norm(recording.block(_RESIDUAL).columns["force_in_world"], axis=1) / (
-        mass_kg * NOMINAL_GRAVITY_MPS2
-    )
+    force = np.linalg.norm(recording.block(_RESIDUAL).columns["force_in_world"], axis=1) / body_weight_n
     mean, p95, most = 100 * force.mean(), 100 * np.quantile(force, 0.95), 100 * force.max()
     return f"external force at the pelvis {mean:.2f} % of body weight (95th percentile {p95:.2f}, maximum {most:.2f})"
 
@@ -132,7 +129,7 @@ def _gait_section(data: ReportData) -> str:
     strides = level_strides(footprints)
     figures = [
         *joint_figures(data.recording, strides),
-        ground_reaction_figure(data.recording, strides, data.total_mass_kg),
+        ground_reaction_figure(data.recording, strides, data.total_mass_kg * data.scenario.config.gravity_mps2),
         pressure_figure(data.recording, footprints),
     ]
     body = boxes(figures)

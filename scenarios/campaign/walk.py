@@ -23,9 +23,8 @@ from stridetwin.scenarios.files import sha256
 from stridetwin.scenarios.metadata import read_injected_faults
 from stridetwin.scenarios.record import record, twin_class
 from stridetwin.scenarios.scenario_file import Scenario, read_scenario, scenario_of
-from stridetwin.sim.config import Person, TwinConfig
+from stridetwin.sim.config import TwinConfig
 from stridetwin.streams.errors import ConfigError, StrideTwinError, was_interrupted
-from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.recording.reader import Recording
 
 RECORDINGS, REJECTED, ROWS = "recordings", "rejected", "rows"
@@ -190,7 +189,8 @@ def _simulate(task: WalkTask, unfinished: Path) -> WalkRow:
         record(twin, recorded, lambda *_: None)
     except ConfigError as error:  # a fault after the walk's end
         return _reject_infeasible(task, error, path, scenario)
-    figures = quality_figures(Recording(recorded, lenient=True), scenario.config.person, twin.fell_at)
+    body_weight_n = scenario.config.person.mass_kg * scenario.config.gravity_mps2
+    figures = quality_figures(Recording(recorded, lenient=True), body_weight_n, twin.fell_at)
     row = with_verdict(
         {
             **_start_row(task, ACCEPTED, [], scenario),
@@ -278,12 +278,12 @@ def _short_digest(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:8]
 
 
-def quality_figures(recording: Recording, person: Person, fell_at_s: float | None) -> QualityFigures:
+def quality_figures(recording: Recording, body_weight_n: float, fell_at_s: float | None) -> QualityFigures:
     """Figures of the quality check, as in the manifest; the force at the root is given in % of the body weight.
 
     Args:
         recording: The recorded walk, opened leniently.
-        person: The walker.
+        body_weight_n: Weight of the walker at the site of the walk.
         fell_at_s: When the walker fell; None without a fall.
 
     Returns:
@@ -296,7 +296,7 @@ def quality_figures(recording: Recording, person: Person, fell_at_s: float | Non
     return {
         "duration_s": _round(recording.duration),
         "fell_at_s": None if fell_at_s is None else _round(fell_at_s),
-        "help_mean_pct": _root_help_pct(recording, person),
+        "help_mean_pct": _root_help_pct(recording, body_weight_n),
         "findings": [f.text for f in errors if f.topic not in broken],
         "expected_findings": [f.text for f in errors if f.topic in broken],
     }
@@ -314,11 +314,11 @@ def rejection_reasons(figures: QualityFigures | WalkRow, quality: Quality) -> li
     return why
 
 
-def _root_help_pct(recording: Recording, person: Person) -> float:
+def _root_help_pct(recording: Recording, body_weight_n: float) -> float:
     """Mean external force at the root besides the ground's, % of the body weight; 0 for a kinematic walk."""
     # (N,) N, size of this force at each sample
     force = np.linalg.norm(recording.block(_RESIDUAL).columns["force_in_world"], axis=1)
-    return _round(100.0 * float(force.mean()) / (person.mass_kg * NOMINAL_GRAVITY_MPS2))
+    return _round(100.0 * float(force.mean()) / body_weight_n)
 
 
 def _round(value: float) -> float:

@@ -48,8 +48,8 @@ def test_the_load_is_a_multiple_of_the_carried_weight_beside_the_range_of_people
     block = SimpleNamespace(t_ns=np.arange(101) * 10_000_000, columns={"force_in_world": force})
     recording = SimpleNamespace(topics=["/truth/foot_l/wrench"], block=lambda topic: block)
     strides = [Stride(foot="l", start_ns=0, end_ns=1_000_000_000, speed_mps=speed_mps)]
-    drawn = figure(ground_reaction_figure(recording, strides, 85.0))
-    np.testing.assert_allclose(drawn.shapes("left strides")[0][:, 1], 1.0, rtol=2e-3)
+    drawn = figure(ground_reaction_figure(recording, strides, 85.0 * 9.80665))
+    np.testing.assert_allclose(drawn.shapes("left strides")[0][:, 1], 1.0, rtol=1e-6)
     assert drawn.layout["yaxis"]["title"]["text"] == "force / carried weight"
     assert ("people, range" in drawn.labels) == has_norm
     if has_norm:
