@@ -20,6 +20,7 @@ from stridetwin.scenarios.camera_clock import (
     angle_deg,
     estimate_clock,
     exchange_axes,
+    moving_board,
 )
 from stridetwin.scenarios.camera_focal import FOCAL_OFF, FocalMultiple, estimate_focal, scale_focal
 from stridetwin.scenarios.camera_lever import LEVER_OFF_M, LeverArm, estimate_lever
@@ -28,7 +29,7 @@ from stridetwin.scenarios.image_rotation import PairTracks, Rates, list_rates, t
 from stridetwin.streams.recording.imported import IMPORTED_FROM
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import CameraCalibration
-from stridetwin.streams.samples import Array, Block, Imu
+from stridetwin.streams.samples import Array, Block, Image, Imu
 
 _SEGMENT_IMAGES, _BATCH, _MOST_SEGMENTS = 45, 3, 12
 """Images of a segment, segments that are read at a time, and most segments of one recording."""
@@ -197,6 +198,24 @@ class CameraFit:
             f"{text}focal lengths of about {fitting} would fit, where the calibration has {fu:.0f}, {fv:.0f}; "
             "are the intrinsics of another resolution or camera? --rig FILE corrects them"
         )
+
+
+def list_cameras_beside_imus(recording: Recording) -> Iterator[tuple[CameraCalibration, str]]:
+    """Yields each recorded camera with a recorded IMU on its body, and why its images do not show how that turns.
+
+    The reason is "" for a camera that `fit_camera` can compare with its IMU.
+    """
+    topics = recording.topics
+    for camera in recording.rig.cameras.values() if recording.has_rig else ():
+        has_imu = camera.imu_topic in topics and topics[camera.imu_topic].kind is Imu
+        if camera.topic not in topics or not has_imu:
+            continue
+        reason = ""
+        if (board := moving_board(recording.rig, camera)) is not None:
+            reason = f"its images show the board of {board.mount.body}, which moves"
+        elif topics[camera.topic].kind is not Image:
+            reason = "depth images alone do not show how it turns"
+        yield camera, reason
 
 
 def fit_camera(

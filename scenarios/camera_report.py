@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 
-from stridetwin.scenarios.camera_clock import moving_board
-from stridetwin.scenarios.camera_fit import QUICK_SEGMENTS, fit_camera
+from stridetwin.scenarios.camera_fit import QUICK_SEGMENTS, fit_camera, list_cameras_beside_imus
 from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.formats.opening import print_warnings
 from stridetwin.streams.recording.imported import IMPORTED_FROM
@@ -46,12 +45,10 @@ def report_cameras(recording: Recording, topics: Collection[str], *, lenient: bo
 
 
 def _list_cameras(recording: Recording, topics: Collection[str]) -> Iterator[CameraCalibration]:
-    """Yields the cameras of an imported recording that are used and have images and an IMU on their body."""
-    if IMPORTED_FROM not in recording.metadata or not recording.has_rig:
+    """Yields the cameras of an imported recording that are used and can be compared with the IMU on their body."""
+    if IMPORTED_FROM not in recording.metadata:
         return
-    for camera in recording.rig.cameras.values():
+    for camera, reason in list_cameras_beside_imus(recording):
         is_used = camera.topic in topics or (camera.depth_topic and camera.depth_topic in topics)
-        has_both = camera.topic in recording.topics and camera.topic != camera.depth_topic
-        has_imu = camera.imu_topic in recording.topics and recording.topics[camera.imu_topic].kind is Imu
-        if is_used and has_both and has_imu and moving_board(recording.rig, camera) is None:
+        if is_used and not reason:
             yield camera

@@ -10,8 +10,8 @@ from typing import NotRequired, TypedDict, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.scenarios.camera_clock import ClockRow, moving_board
-from stridetwin.scenarios.camera_fit import CameraFit, fit_camera
+from stridetwin.scenarios.camera_clock import ClockRow
+from stridetwin.scenarios.camera_fit import CameraFit, fit_camera, list_cameras_beside_imus
 from stridetwin.scenarios.depth_scale import DepthScale, DepthScaleRow, judge_depth_images, measure_depth_scales
 from stridetwin.sim.parts.library import full_scales
 from stridetwin.streams.errors import check_type
@@ -302,17 +302,12 @@ def _check_cameras(
     Returns:
         The comparisons by the camera's topic. A warning says why a camera was not compared.
     """
-    rig = recording.rig if recording.has_rig else Rig()
-    cameras = [c for c in rig.cameras.values() if c.topic in recording.topics and c.imu_topic in gyros]
+    cameras = list(list_cameras_beside_imus(recording))
     fits, findings = dict[str, CameraFit](), list[Finding]()
-    for i, camera in enumerate(cameras):
+    for i, (camera, reason) in enumerate(cameras):
         progress(i / len(cameras))
-        if (board := moving_board(rig, camera)) is not None:
-            what = f"its clock and mount were not checked: its images show the board of {board.mount.body}, which moves"
-            findings.append(Finding(topic=camera.topic, what=what, is_error=False))
-            continue
-        if recording.topics[camera.topic].kind is not Image:
-            what = "its clock and mount were not checked: depth images alone do not show how it turns"
+        if reason:
+            what = f"its clock and mount were not checked: {reason}"
             findings.append(Finding(topic=camera.topic, what=what, is_error=False))
             continue
         fit = fit_camera(recording, camera, gyros[camera.imu_topic])

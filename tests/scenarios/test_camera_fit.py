@@ -1,6 +1,7 @@
 """Clock, mount, focal length and lever arm of a camera by its motion and that of the IMU beside it."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,11 +10,15 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.scenarios.camera_axes import find_rate_fault, is_upright
 from stridetwin.scenarios.camera_clock import GyroRates, estimate_clock
-from stridetwin.scenarios.camera_fit import describe_turn
+from stridetwin.scenarios.camera_fit import describe_turn, list_cameras_beside_imus
 from stridetwin.scenarios.camera_focal import estimate_focal
 from stridetwin.scenarios.camera_lever import estimate_lever
 from stridetwin.scenarios.camera_motion import build_parts, prepare_parts
+from stridetwin.scenarios.camera_report import _list_cameras
 from stridetwin.scenarios.image_rotation import Rates, estimate_rates
+from stridetwin.streams.recording.imported import IMPORTED_FROM
+from stridetwin.streams.rig import Board, CameraCalibration, Mount, Rig
+from stridetwin.streams.samples import Accelerometer, Depth, Image, Imu
 
 
 class Fitted:
@@ -192,3 +197,37 @@ def test_wild_images_do_not_hide_mirrored_rates_of_a_head_that_turns_about_two_a
 def test_who_wears_a_camera_holds_it_upright(up, is_worn):
     camera = CameraWalk(seed=1).camera()
     assert is_upright(replace(camera, mount=replace(camera.mount, body="head")), np.array(up, float)) == is_worn
+
+
+def test_a_camera_is_compared_if_its_images_and_its_imu_are_recorded():
+    def camera(body, color, depth="", imu=""):
+        rates = {"rate_hz": 30.0, "width": 640, "height": 480, "intrinsics": (600.0, 600.0, 319.5, 239.5)}
+        return CameraCalibration(
+            topic=color, part="", mount=Mount(body=body), depth_topic=depth, imu_topic=imu or f"/{body}/imu", **rates
+        )
+
+    cameras = [
+        camera("head", "/head/color", "/head/depth"),
+        camera("chest", "/chest/depth", "/chest/depth"),
+        camera("foot_l", "/foot_l/camera"),
+        camera("pelvis", "/pelvis/unrecorded"),
+        camera("thigh", "/thigh/color", imu="/thigh/unrecorded"),
+        camera("shank", "/shank/color", imu="/shank/accelerometer"),
+    ]
+    board = Board(name="foot_r", mount=Mount(body="foot_r"), squares=(5, 4), square_m=0.02)
+    rig = Rig(cameras={c.topic: c for c in cameras}, boards={"board": board})
+    kinds = {"/chest/depth": Depth, "/head/depth": Depth, "/shank/accelerometer": Accelerometer}
+    kinds |= {c.topic: Image for c in cameras if c.topic not in {"/chest/depth", "/pelvis/unrecorded"}}
+    kinds |= {f"/{body}/imu": Imu for body in ("head", "chest", "foot_l", "pelvis")}
+    topics = {topic: SimpleNamespace(kind=kind) for topic, kind in kinds.items()}
+    recording = SimpleNamespace(has_rig=True, rig=rig, topics=topics, metadata={IMPORTED_FROM: "a bag"})
+    reasons = {camera.topic: reason for camera, reason in list_cameras_beside_imus(recording)}
+    assert reasons == {
+        "/head/color": "",
+        "/chest/depth": "depth images alone do not show how it turns",
+        "/foot_l/camera": "its images show the board of foot_r, which moves",
+    }
+    for used in ("/head/color", "/head/depth"):
+        assert [c.topic for c in _list_cameras(recording, [used])] == ["/head/color"]
+    assert not list(_list_cameras(recording, ["/chest/depth", "/foot_l/camera", "/head/imu"]))
+    assert not list(list_cameras_beside_imus(SimpleNamespace(has_rig=False, topics=topics)))
