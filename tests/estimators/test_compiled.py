@@ -17,9 +17,11 @@ import pytest
 from numba.core.runtime import _nrt_python, rtsys
 
 from stridetwin import estimators, sim, streams
+from stridetwin.estimators.dvio import kernel, patches
 from stridetwin.streams import compiled, part_compiler
 from stridetwin.streams.compiled import KNOWN, entry_kernel, find_missing_internals, is_known, is_uncompiled
 from stridetwin.streams.part_compiler import PartLibrary, _list_called_libraries
+from tests.estimators.from_python import from_python
 
 INNER = "from numba import njit\n\n\n@njit\ndef doubled(x):\n    return 2 * x\n"
 OUTER = "from inner import doubled\n\n\ndef outer(x):\n    return doubled(x) + 1\n"
@@ -218,6 +220,14 @@ def test_what_numba_added_as_a_part_serves_functions_of_numbas_own_kind(tmp_path
     assert entry_kernel(tmp_path)(module.outer)(1.0) == 6.0
     plain = numba.njit(module.outer)
     assert plain(2.0) == 2 * (4 + 8) + 2
+
+
+def test_a_function_has_one_kernel_for_the_product_and_the_tests():
+    """Two would overwrite each other's machine code in the cache, as they are compiled of different sources."""
+    assert from_python(patches.align) is kernel.align
+    assert from_python(patches.cornerness) is from_python(patches.cornerness)
+    functions = [made.py_func for made in compiled._entry_kernels]
+    assert len(functions) == len(set(functions))
 
 
 def test_a_part_is_linked_after_all_that_call_it():
