@@ -35,6 +35,7 @@ INTERNALS = (
     ("numba.core.compiler_machinery", "register_pass"),
     ("numba.core.datamodel.models", "DataModel.contains_nrt_meminfo"),
     ("numba.core.dispatcher", "Dispatcher.get_call_template"),
+    ("numba.core.errors", "NumbaRuntimeError"),
     ("numba.core.ir", "StaticSetItem"),
     ("numba.core.typed_passes", "NativeLowering.run_pass"),
 )

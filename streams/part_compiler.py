@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from numba import _dynfunc, config, types  # type: ignore[attr-defined]
-from numba.core import ir
+from numba.core import errors, ir
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import register_pass
@@ -144,10 +144,19 @@ class PartLowering(NativeLowering):
     _name = "part_lowering"
 
     def run_pass(self, state: StateDict) -> bool:  # noqa: D102
-        # `state` is that of one compilation; `state.cr` is the result that Numba's own pass stores in it
-        if state.targetctx.enable_nrt and _only_borrows_arrays(state):
-            state.targetctx = state.targetctx.subtarget(enable_nrt=False)
+        # `state` is that of one compilation
+        counting = state.targetctx
+        if counting.enable_nrt and not state.func_id.modname.startswith("numba.") and _only_borrows_arrays(state):
+            state.targetctx = counting.subtarget(enable_nrt=False)
             vars(state.targetctx).pop("nrt", None)  # what counts references, kept from the context that does
+            try:
+                return self._lower(state)
+            except errors.NumbaRuntimeError:  # Numba makes an array for something else that the function does
+                state.targetctx = counting
+        return self._lower(state)
+
+    def _lower(self, state: StateDict) -> bool:
+        """Makes the LLVM code; `state.cr` is the result that Numba's own pass stores in the state."""
         state.library = PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
         state.flags.no_compile = True  # no machine code
         super().run_pass(state)

@@ -360,6 +360,21 @@ def test_references_are_counted_in_parts_that_make_or_return_arrays_alone(tmp_pa
     assert after.mi_alloc - before.mi_alloc == after.mi_free - before.mi_free > 0
 
 
+def test_a_part_that_needs_the_count_after_all_has_it(tmp_path, monkeypatch):
+    (tmp_path / "arrays.py").write_text(ARRAYS)
+    judge = part_compiler._only_borrows_arrays
+    monkeypatch.setattr(
+        part_compiler, "_only_borrows_arrays", lambda state: state.func_id.func_name == "hold_list" or judge(state)
+    )
+    (tmp_path / "interpreted.py").write_text(ARRAYS.replace("@njit(**INNER_KERNEL)\n", ""))
+    kernel, interpreted = (
+        entry_kernel(tmp_path)(loaded(tmp_path, "arrays").outer),
+        loaded(tmp_path, "interpreted").outer,
+    )
+    made = [outer(np.arange(9.0).reshape(3, 3), np.ones((3, 3)), np.array([2, 0])) for outer in (kernel, interpreted)]
+    assert made[0] == made[1]
+
+
 def test_while_a_function_is_compiled_python_looks_for_no_unreachable_objects(tmp_path, monkeypatch):
     (tmp_path / "inner.py").write_text(INNER)
     (tmp_path / "outer.py").write_text(OUTER)
