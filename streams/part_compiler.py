@@ -130,10 +130,11 @@ def _only_borrows_arrays(state: StateDict) -> bool:
     return not any(makes_array(statement) for block in state.func_ir.blocks.values() for statement in block.body)
 
 
-def _is_array_or_tuple(variable_type: Any) -> bool:
+def _is_array_or_tuple(variable_type: types.Type) -> bool:
     """Whether a type is that of an array, or of a tuple, named or not, of arrays, tuples and scalars."""
     if isinstance(variable_type, types.BaseTuple):
-        return all(isinstance(t, types.Number | types.Boolean) or _is_array_or_tuple(t) for t in variable_type)
+        members: Any = variable_type  # every tuple of Numba's can be iterated, but its types do not say so
+        return all(isinstance(t, types.Number | types.Boolean) or _is_array_or_tuple(t) for t in members)
     return isinstance(variable_type, types.Array)
 
 
