@@ -9,6 +9,7 @@ from numba import njit
 from stridetwin.estimators.foot_ins import state
 from stridetwin.estimators.foot_ins.alignment import align, begin
 from stridetwin.estimators.foot_ins.clipping import restore_peaks
+from stridetwin.estimators.foot_ins.considered import add_considered, begin_considered
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.rest import bend_path, learn_bias_at_rest
 from stridetwin.estimators.foot_ins.stance import (
@@ -75,6 +76,7 @@ def add_sample(
             undecided = parameters.wide_bias_share * parameters.gyro_wide_bias_sd_radps**2
             memory.unlearnt[state.UNLEARNT_VARIANCE] = undecided
         memory.unlearnt[state.UNLEARNT_HEIGHT] = parameters.stance_height_sd_m**2
+        begin_considered(memory, parameters)
         memory.path[3] = parameters.path_scale_sd  # share of the path's length that stays unknown
     elif t_ns <= clock[state.T_LAST]:
         return state.IGNORED, 0.0, 0.0
@@ -173,3 +175,4 @@ def write_estimate(memory: state.FilterState, nominal: Array, covariance: Array)
         covariance[i, 5] += unlearnt * bent[i] * turn
         covariance[5, i] += unlearnt * bent[i] * turn
     covariance[5, 5] += unlearnt * turn * turn
+    add_considered(memory, covariance)

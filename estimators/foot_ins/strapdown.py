@@ -7,6 +7,7 @@ import math
 from numba import njit
 
 from stridetwin.estimators.foot_ins import state
+from stridetwin.estimators.foot_ins.considered import propagate_considered
 from stridetwin.estimators.foot_ins.filled import find_filled_variances
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.streams.algebra.tuples import (
@@ -238,6 +239,7 @@ def predict(memory: state.FilterState, parameters: KernelParameters, rate: Vec3,
     R, f_world, path, turn = propagate_state(memory.nominal, rate, force, dt, parameters.gravity_mps2, down)
     acceleration = f_world[0], f_world[1], f_world[2] - parameters.gravity_mps2
     propagate_covariance(P, o, R, f_world, dt, path, turn)
+    propagate_considered(memory, R, rate, dt)
     # variances per second of attitude and velocity
     attitude_noise = parameters.gyro_noise_radps_rthz**2
     velocity_noise = parameters.accel_noise_mps2_rthz**2
