@@ -51,6 +51,7 @@ def begin(memory: state.FilterState, t_ns: int) -> None:
     memory.clock[state.FILL] = 0
     memory.clock[state.CONTACT_PHASE] = state.NEVER_LANDED
     memory.clock[state.T_LAST_MOTION] = t_ns
+    memory.clock[state.T_STANCE] = t_ns
     clear(memory.force_sum[0])
     clear(memory.force_sum[1])
     settle_considered(memory)

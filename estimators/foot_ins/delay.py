@@ -151,6 +151,7 @@ def copy_state(source: state.FilterState, target: state.FilterState) -> None:
     copy(source.rest, target.rest)
     copy(source.unlearnt, target.unlearnt)
     copy(source.considered_sd, target.considered_sd)
+    copy(source.levelled, target.levelled)
     copy_matrix(source.prior, target.prior)
     copy(source.filled, target.filled)
 

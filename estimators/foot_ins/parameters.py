@@ -165,7 +165,7 @@ _WIDE_BIAS_SD_RADPS = (
     3.5e-3  # turn-on bias of consumer parts, 0.1 to 0.5 °/s: the class of a sensor that nobody calibrated
 )
 _WIDE_BIAS_SHARE = 0.5  # of unknown sensors that are of that class; the others have `gyro_bias_sd_radps`
-_STANCE_HEIGHT_SD_M = 0.018  # height of an unknown sensor above the floor, from stance to stance [real walks]
+_STANCE_HEIGHT_SD_M = 0.012  # height of an unknown sensor above the floor, from stance to stance [real walks]
 _UNKNOWN_SCALE_SD = 0.007  # of a gyro that nobody calibrated [data sheets of consumer parts: 1 to 3 % at most]
 _UNKNOWN_DELAY_SD_S = 0.005  # between its channels and the accelerometer's [six parts: 0, 0, 2.5, 2.5, 3.8 and 12.5 ms]
 _MISALIGNMENT_NOISE_PER_RTHZ = 0.6  # noise of the angular rate per rad of the gyro's misalignment [twin]

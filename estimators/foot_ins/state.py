@@ -34,6 +34,7 @@ REPORTED = 15  # number of them in an estimate
     T_ALIGN,
     T_KNOWN,
     T_LAST_MOTION,
+    T_STANCE,
     HEAD,
     FILL,
     PHASE,
@@ -41,8 +42,8 @@ REPORTED = 15  # number of them in an estimate
     LEVER_KNOWN,
     CONTACT_PHASE,
     RESTORED,
-) = range(12)
-CLOCKS = 12
+) = range(13)
+CLOCKS = 13
 IGNORED, EMPTY, ALIGNING, NAVIGATING = -1, 0, 1, 2
 NEVER_LANDED, SWINGING, STANDING = 0, 1, 2
 
@@ -57,6 +58,7 @@ FILLED = 5  # entries of `filled`
 REST = 21  # entries of `rest`
 SCALE_ACROSS, SCALE_ALONG, DELAY = range(3)  # considered errors
 CONSIDERED = 3
+LEVELLED = 6  # entries of `levelled`
 ALONE = STATES + CONSIDERED  # rows of the covariance of a foot alone
 UNLEARNT_VARIANCE, UNLEARNT_TURN, UNLEARNT_POSITION, UNLEARNT_HEIGHT = 0, 1, 2, 5  # entries of `unlearnt`
 RING = 64  # samples available to the statistic; 35 ms at 1.8 kHz
@@ -74,7 +76,7 @@ class FilterState(NamedTuple):
         row: First of the 21 rows of `covariance` and `error` that are this foot's.
         tilted: (4,) quaternion at the beginning of an alignment.
         start_sd: (2,) standard deviation of the position (m) and of the heading (rad) at the first sample.
-        clock: (12,) int64, entries `T_LAST` to `RESTORED`: times in ns, counts and phases.
+        clock: (13,) int64, entries `T_LAST` to `RESTORED`: times in ns, counts and phases.
         ring_t_ns: (RING,) times of the last samples.
         ring: (RING, 6) rad/s and m/s², angular rate and specific force of the last samples.
         restored: (RING, 10) correction by the last restored peak of position (m), velocity (m/s) and attitude
@@ -99,6 +101,7 @@ class FilterState(NamedTuple):
             considered, but not estimated (module `considered`); -1: there are none.
         considered_sd: (3,) standard deviations of these: scale of the gyro across and along the sole's normal; time by
             which one channel is late, s.
+        levelled: (6,) of heights that a level floor or the drift took away, entries in module `slope`.
         prior: (7, 7) covariance of gyro bias, accelerometer bias and gyro scale from an earlier recording; 0: none.
         filled: (5,) length (s) and added variance of the line that the rates are on, and the forces; 1 if there was any
             since the last stance.
@@ -128,6 +131,7 @@ class FilterState(NamedTuple):
     unlearnt: Array
     considered: int
     considered_sd: Array
+    levelled: Array
     prior: Array
     filled: Array
     work: Workspace
@@ -173,6 +177,7 @@ def initial_state(
         unlearnt=np.zeros(6),
         considered=considered,
         considered_sd=np.zeros(CONSIDERED),
+        levelled=np.zeros(LEVELLED),
         prior=np.zeros((7, 7)),
         filled=np.zeros(FILLED),
         work=workspace(len(covariance), STATES),

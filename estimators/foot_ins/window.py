@@ -76,6 +76,7 @@ class TransitionWindow(NamedTuple):
         evidence: (C + 1, 21) j of the same transitions.
         path: (4,) `FilterState.path` at the newest sample.
         unlearnt: (6,) `FilterState.unlearnt` at the newest sample.
+        levelled: (6,) `FilterState.levelled` at the newest sample.
         considered: (C, 3, 21) derivatives of the filtered error by the considered errors.
         released: The sample that left last, smoothed.
         scratch: (2, 21, 21) overwritten.
@@ -93,6 +94,7 @@ class TransitionWindow(NamedTuple):
     path: Array
     unlearnt: Array
     considered: Array
+    levelled: Array
     released: state.FilterState
     scratch: Array
 
@@ -113,6 +115,7 @@ def empty_window(capacity: int) -> TransitionWindow:
         evidence=np.zeros((capacity + 1, state.STATES)),
         path=np.zeros(4),
         unlearnt=np.zeros(6),
+        levelled=np.zeros(state.LEVELLED),
         considered=np.zeros((capacity, state.CONSIDERED, state.STATES)),
         released=state.initial_state(),
         scratch=np.zeros((2, state.STATES, state.STATES)),
@@ -263,6 +266,7 @@ def append(window: TransitionWindow, memory: state.FilterState, phase: int, spee
     P, n = memory.covariance, state.STATES
     copy(memory.path, window.path)
     copy(memory.unlearnt, window.unlearnt)
+    copy(memory.levelled, window.levelled)
     copy(memory.considered_sd, window.released.considered_sd)
     for k in range(state.CONSIDERED):
         copy(P[memory.considered + k, : state.STATES], window.considered[i, k])
@@ -351,6 +355,7 @@ def release_oldest(window: TransitionWindow) -> int:
     copy(window.nominal[i], released.nominal)
     copy(window.path, released.path)
     copy(window.unlearnt, released.unlearnt)
+    copy(window.levelled, released.levelled)
     for k in range(state.CONSIDERED):
         c = released.considered + k
         for m in range(state.STATES):

@@ -88,7 +88,7 @@ def test_a_lag_is_the_whole_interval_from_its_end(longer: Walk, at: int) -> None
 
 
 def test_no_lag_is_the_filter(longer: Walk) -> None:
-    plain, smooth = FootIns(LEFT_FOOT).run(longer.imu), FootInsSmoother(0.0, ADIS16485).run(longer.imu)
+    plain, smooth = FootIns(rig_of(CALIBRATED)).run(longer.imu), FootInsSmoother(0.0, CALIBRATED).run(longer.imu)
     np.testing.assert_array_equal(smooth.trajectory.t_ns, plain.trajectory.t_ns)
     np.testing.assert_array_equal(smooth.trajectory.p_frame_in_world, plain.trajectory.p_frame_in_world)
     np.testing.assert_array_equal(smooth.v_imu_in_world, plain.v_imu_in_world)
@@ -97,7 +97,7 @@ def test_no_lag_is_the_filter(longer: Walk) -> None:
 
 
 def test_what_follows_never_makes_it_less_sure(longer: Walk) -> None:
-    plain, smooth = FootIns(LEFT_FOOT).run(longer.imu), FootInsSmoother(1.0, ADIS16485).run(longer.imu)
+    plain, smooth = FootIns(rig_of(CALIBRATED)).run(longer.imu), FootInsSmoother(1.0, CALIBRATED).run(longer.imu)
     P, S = plain.trajectory.covariance, smooth.trajectory.covariance
     sd = np.sqrt(np.diagonal(P, axis1=1, axis2=2))
     scale = sd[:, :, None] * sd[:, None, :]
