@@ -46,8 +46,8 @@ def propagate_considered(memory: state.FilterState, R: Mat3, rate: Vec3, dt: flo
     _add_rotation(memory, state.SCALE_ACROSS, matvec(R, times(dt, axpy(w, -1.0, along))))
     _add_rotation(memory, state.SCALE_ALONG, matvec(R, times(dt, along)))
     if memory.clock[state.FILL] > 1:  # the ring has a sample before this one
-        change = axpy(rate, -1.0, state.rate_of(memory, state.ring_row(memory, 1)))
-        _add_rotation(memory, state.DELAY, matvec(R, change))
+        missing = axpy(state.rate_of(memory, state.ring_row(memory, 1)), -1.0, rate)  # of the true rate, times dt / τ
+        _add_rotation(memory, state.DELAY, matvec(R, missing))
 
 
 @njit(**INNER_KERNEL)
