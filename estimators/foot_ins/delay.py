@@ -42,6 +42,7 @@ MULTIPLES = (-3, -2, -1, 1, 2, 3)
 # A delay counts if strides with it have innovations whose logarithm is less by `_LEAST_GAIN` in the mean, and by this
 # many standard errors. [real walks, and twin parts with and without delay, seeds 0-2]
 _LEAST_GAIN, _LEAST_SIGMAS = 0.25, 5.0
+_LIKELY_SIGMAS = 2.0  # from which on a delay is considered in the covariance
 _LEAST_STEPS = 1.25  # a shorter delay is less than what other errors of a part shift the best one by [twin]
 _LEAST_STRIDES, _MOST_STRIDES = 6, 30  # before a decision
 # Standard deviations of the delay that is left: where strides tell of none, and where one was found and compensated.
@@ -247,7 +248,7 @@ def _compare(memory: state.FilterState, bank: DelayBank, parameters: KernelParam
         return
     place[STRIDES] += 1
     n = place[STRIDES] - 1  # the first stance is no stride
-    best, best_mean, is_sure = -1, _LEAST_GAIN, False
+    best, best_mean, is_sure = -1, 0.0, False
     for k in range(len(bank.candidates)):
         nis = _stride_nis(bank.candidates[k], bank.begun[1 + k])
         if n > 0 and nis > 0.0 and in_use > 0.0:
@@ -257,7 +258,9 @@ def _compare(memory: state.FilterState, bank: DelayBank, parameters: KernelParam
         mean = gains[k, 0] / max(n, 1)
         if mean > best_mean:
             error = math.sqrt(max(gains[k, 1] / n - mean * mean, 1e-12) / max(n - 1, 1))
-            best, best_mean, is_sure = k, mean, n >= _LEAST_STRIDES and mean > _LEAST_SIGMAS * error
+            if mean > _LIKELY_SIGMAS * error:
+                best, best_mean = k, mean
+                is_sure = n >= _LEAST_STRIDES and mean > max(_LEAST_GAIN, _LEAST_SIGMAS * error)
     if best >= 0:  # not sure yet, but likely
         memory.considered_sd[state.DELAY] = abs(MULTIPLES[best]) * STEP_S
     elif n >= _LEAST_STRIDES:
