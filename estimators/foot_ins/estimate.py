@@ -196,7 +196,8 @@ class FootInsPath:
         share = float(np.mean(self._time_since_stance_s[self.aligned] > MOST_SWING_S)) if self.aligned.any() else 0.0
         if share < _RARE_SHARE:
             return ()
-        return (f"the foot has no stance within {MOST_SWING_S:g} s for {100.0 * share:.0f} % of the time: its path is unsure",)
+        far = f"{100.0 * share:.0f} % of the time"
+        return (f"the foot has no stance within {MOST_SWING_S:g} s for {far}: its path is unsure",)
 
     @property
     def _time_since_stance_s(self) -> Array:

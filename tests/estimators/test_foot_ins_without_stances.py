@@ -47,7 +47,7 @@ def test_rare_stances_are_said_and_widen_the_covariance():
     block = carry_in_hand(5.0, 30.0)
     estimate = FootIns.estimate_block(block, Options())
     (note,) = estimate.notes
-    assert "no stance within 2.5 s for" in note and "of the time" in note
+    assert "no stance within 2.5 s for" in note
     t, force, rate = simulate_foot()
     assert FootIns.estimate_block(imu_block(t, rate, force), Options()).notes == ()
     path = FootIns().run(block).trajectory
