@@ -1,10 +1,8 @@
 """The fixed-lag smoother: against Rauch, Tung and Striebel with plain gains, against the filter, and as a stream."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from foot_motion import ADIS16485, LEFT_FOOT, Walk, rig_of, walk
+from foot_motion import ADIS16485, CALIBRATED, LEFT_FOOT, Walk, rig_of, walk
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -17,8 +15,6 @@ from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, Imu
 from tests.estimators.one_foot import take
-
-CALIBRATED = replace(ADIS16485, accelerometer_scale_sd=0.01)  # no error is left that is considered alone
 
 
 @pytest.fixture(scope="module")
