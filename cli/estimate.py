@@ -12,7 +12,7 @@ from stridetwin.cli.commands import EstimateOptions
 from stridetwin.cli.options import NO_FILE, Outcome, Progress
 from stridetwin.cli.recording import open_source, table_request
 from stridetwin.estimators import registry
-from stridetwin.estimators.base import Declaration, Options
+from stridetwin.estimators.base import Declaration, Options, PathEstimate
 from stridetwin.outputs.base import AnyKind, FileOptions, Output, part_file
 from stridetwin.outputs.feeding import EstimatorClass, Instance, check_topics, instance_for
 from stridetwin.outputs.parameters import ParameterValues, check_used, parse_parameters, with_parameters
@@ -58,6 +58,9 @@ def estimate_command(arguments: EstimateOptions, progress: Progress) -> Outcome:
         exoskeleton=arguments.exoskeleton,
     )
     outputs, lines, poses = _run_on_source(arguments, estimator_class, kind, options, parameters, progress)
+    for output in outputs:
+        if isinstance(output.estimates, PathEstimate):
+            print_warnings(Path(output.name), output.estimates.notes)
     file_options = FileOptions(mesh=arguments.mesh, dead_reckoning=arguments.dead_reckoning)
     written = [kind.write(output, part_file(arguments.output, output.part), file_options) for output in outputs]
     files = [str(file) for of_output in written for file in of_output.files]

@@ -224,6 +224,7 @@ class PathEstimate:
         camera: Estimated poses of the camera in the frame, one per change; None if not estimated.
         label: What figures call the path, beside "left", "right" or "camera"; None means its name.
         supplies_poses: Whether estimators of terrain and modes use this path.
+        notes: What the user should know about this estimate, one sentence each.
         write_calibration: Writes what was learnt of the sensor to a file; None if nothing is.
     """
 
@@ -238,6 +239,7 @@ class PathEstimate:
     camera: Trajectory | None = None
     label: str | None = None
     supplies_poses: bool = False
+    notes: tuple[str, ...] = ()
     write_calibration: Callable[[Path], None] | None = None
 
 

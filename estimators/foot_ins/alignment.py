@@ -7,6 +7,7 @@ import math
 from numba import njit
 
 from stridetwin.estimators.foot_ins import state
+from stridetwin.estimators.foot_ins.considered import settle_considered
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.stance import add_across_sole, unknown_bias_statistic
 from stridetwin.streams.algebra.matrices import clear
@@ -50,8 +51,10 @@ def begin(memory: state.FilterState, t_ns: int) -> None:
     memory.clock[state.FILL] = 0
     memory.clock[state.CONTACT_PHASE] = state.NEVER_LANDED
     memory.clock[state.T_LAST_MOTION] = t_ns
+    memory.clock[state.T_STANCE] = t_ns
     clear(memory.force_sum[0])
     clear(memory.force_sum[1])
+    settle_considered(memory)
     store_quaternion_at(quaternion_at(memory.nominal, state.ATTITUDE), memory.tilted, 0)
     store_vec3_at((0.0, 0.0, 0.0), memory.nominal, state.VELOCITY)
 

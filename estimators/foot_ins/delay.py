@@ -42,8 +42,11 @@ MULTIPLES = (-3, -2, -1, 1, 2, 3)
 # A delay counts if strides with it have innovations whose logarithm is less by `_LEAST_GAIN` in the mean, and by this
 # many standard errors. [real walks, and twin parts with and without delay, seeds 0-2]
 _LEAST_GAIN, _LEAST_SIGMAS = 0.25, 5.0
+_LIKELY_SIGMAS = 2.0  # from which on a delay is considered in the covariance
 _LEAST_STEPS = 1.25  # a shorter delay is less than what other errors of a part shift the best one by [twin]
 _LEAST_STRIDES, _MOST_STRIDES = 6, 30  # before a decision
+# Standard deviations of the delay that is left: where strides tell of none, and where one was found and compensated.
+_NOT_FOUND_SD_S, _FOUND_SD_S = 0.0025, 0.0015
 _LEAST_SWING_S = 0.2  # without a stance
 _START_SAMPLES = 16  # after which the time between samples is known and the candidates begin
 _MOST_INTERVAL_S = 0.012  # slower sensors have no candidates
@@ -148,6 +151,8 @@ def copy_state(source: state.FilterState, target: state.FilterState) -> None:
     copy_matrix(source.hidden, target.hidden)
     copy(source.rest, target.rest)
     copy(source.unlearnt, target.unlearnt)
+    copy(source.considered_sd, target.considered_sd)
+    copy(source.levelled, target.levelled)
     copy_matrix(source.prior, target.prior)
     copy(source.filled, target.filled)
 
@@ -188,7 +193,7 @@ def step_aligned(
             )
         if math.isfinite(speed_sd):
             if (t_ns - place[STOOD_NS]) * 1e-9 > _LEAST_SWING_S:  # a stride ends
-                _compare(memory, bank)
+                _compare(memory, bank, parameters)
             place[STOOD_NS] = t_ns
     return phase, speed_sd
 
@@ -211,6 +216,7 @@ def _start(memory: state.FilterState, bank: DelayBank, t_ns: int) -> None:
     if bank.known[0] > 0.0:
         most = LINE - 1
         place[SHIFT] = min(max(round(bank.known[1] / interval_s), -most), most)
+        memory.considered_sd[state.DELAY] = _FOUND_SD_S
         place[PHASE] = DECIDED
         return
     if interval_s > _MOST_INTERVAL_S:
@@ -231,7 +237,7 @@ def _stride_nis(memory: state.FilterState, begun: Array) -> float:
 
 
 @njit(**INNER_KERNEL)
-def _compare(memory: state.FilterState, bank: DelayBank) -> None:
+def _compare(memory: state.FilterState, bank: DelayBank, parameters: KernelParameters) -> None:
     """Compares the candidates at the end of a stride, and chooses a delay once one is significantly better."""
     place, gains = bank.place, bank.gains
     in_use = _stride_nis(memory, bank.begun[0])
@@ -242,18 +248,23 @@ def _compare(memory: state.FilterState, bank: DelayBank) -> None:
         return
     place[STRIDES] += 1
     n = place[STRIDES] - 1  # the first stance is no stride
-    best, best_mean, is_sure = -1, _LEAST_GAIN, False
+    best, best_mean, is_sure = -1, 0.0, False
     for k in range(len(bank.candidates)):
         nis = _stride_nis(bank.candidates[k], bank.begun[1 + k])
         if n > 0 and nis > 0.0 and in_use > 0.0:
             gain = math.log(in_use / nis)
             gains[k, 0] += gain
             gains[k, 1] += gain * gain
-        if n >= _LEAST_STRIDES:
-            mean = gains[k, 0] / n
-            error = math.sqrt(max(gains[k, 1] / n - mean * mean, 1e-12) / (n - 1))
-            if mean > best_mean:
-                best, best_mean, is_sure = k, mean, mean > _LEAST_SIGMAS * error
+        mean = gains[k, 0] / max(n, 1)
+        if mean > best_mean:
+            error = math.sqrt(max(gains[k, 1] / n - mean * mean, 1e-12) / max(n - 1, 1))
+            if mean > _LIKELY_SIGMAS * error:
+                best, best_mean = k, mean
+                is_sure = n >= _LEAST_STRIDES and mean > max(_LEAST_GAIN, _LEAST_SIGMAS * error)
+    if best >= 0:  # not sure yet, but likely
+        memory.considered_sd[state.DELAY] = abs(MULTIPLES[best]) * STEP_S
+    elif n >= _LEAST_STRIDES:
+        memory.considered_sd[state.DELAY] = min(_NOT_FOUND_SD_S, parameters.considered_delay_sd_s)
     if is_sure:
         _choose(memory, bank, best)
     elif n >= _MOST_STRIDES:
@@ -283,6 +294,7 @@ def _choose(memory: state.FilterState, bank: DelayBank, best: int) -> None:
     if abs(steps) < _LEAST_STEPS:
         return
     copy_state(bank.candidates[best], memory)
+    memory.considered_sd[state.DELAY] = _FOUND_SD_S
     place[SHIFT] = round(steps * place[UNIT])
     place[PHASE] = DECIDED
 

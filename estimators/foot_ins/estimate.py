@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.base import PathEstimate
 from stridetwin.estimators.foot_ins import state
+from stridetwin.estimators.foot_ins.slope import slope_height_sd
+from stridetwin.estimators.foot_ins.strapdown import MOST_SWING_S
 from stridetwin.streams.errors import ConfigError, RecordingError
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Array
@@ -19,6 +21,7 @@ from stridetwin.streams.trajectory import Pose, Trajectory
 LONGEST_WITHOUT_STANCE_S = 6.0
 """A pose counts up to this long after a stance, s. No walk of `docs/foot_ins.md` moves a foot for longer than 2.2 s (it
 crawls); after 6 s a consumer IMU alone is off by metres."""
+_RARE_SHARE = 0.05  # of the time: a walk of `docs/foot_ins.md` has less far from a stance
 NO_STANCE = "the sensor never rests as a foot does in every stance; is it worn on a foot?"
 
 
@@ -183,13 +186,27 @@ class FootInsPath:
 
         A path without any stance is not reliable at all: the sensor is worn elsewhere than on a foot.
         """
+        if not np.isfinite(self.standing_speed_sd).any():
+            return np.zeros(len(self.aligned), bool)
+        return np.asarray(self.aligned & (self._time_since_stance_s <= LONGEST_WITHOUT_STANCE_S))
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """A sentence about stances, if they are so rare that much of the path has none nearby."""
+        share = float(np.mean(self._time_since_stance_s[self.aligned] > MOST_SWING_S)) if self.aligned.any() else 0.0
+        if share < _RARE_SHARE:
+            return ()
+        far = f"{100.0 * share:.0f} % of the time"
+        return (f"the foot has no stance within {MOST_SWING_S:g} s for {far}: its path is unsure",)
+
+    @property
+    def _time_since_stance_s(self) -> Array:
+        """(N,) time since the last stance, or since the alignment, s."""
         in_stance = np.isfinite(self.standing_speed_sd)
-        if not in_stance.any():
-            return np.zeros(len(in_stance), bool)
-        t_ns = self.trajectory.t_ns
         in_stance[self.aligned.argmax()] = True  # the alignment ends there
+        t_ns = self.trajectory.t_ns
         last = np.maximum.accumulate(np.where(in_stance, t_ns, t_ns[0]))  # time of the last stance so far, ns
-        return np.asarray(self.aligned & ((t_ns - last) * 1e-9 <= LONGEST_WITHOUT_STANCE_S))
+        return np.asarray((t_ns - last) * 1e-9)
 
     def estimate(
         self, recording: Recording, name: str, foot: str, label: str, nis: Mapping[str, float], world: str = ""
@@ -222,6 +239,7 @@ class FootInsPath:
             nis=nis,
             world=world,
             label=label,
+            notes=self.notes,
         )
 
 
@@ -235,7 +253,7 @@ def _report_covariance(memory: state.FilterState, covariance: Array) -> Array:
     bent = np.zeros(6)  # by the bias about the vertical
     bent[:2], bent[5] = unlearnt[state.UNLEARNT_POSITION :][:2], unlearnt[state.UNLEARNT_TURN]
     reported = covariance + memory.path[3] ** 2 * np.outer(along, along)
-    reported[2, 2] += unlearnt[state.UNLEARNT_HEIGHT]
+    reported[2, 2] += unlearnt[state.UNLEARNT_HEIGHT] + slope_height_sd(memory) ** 2
     return np.asarray(reported + unlearnt[state.UNLEARNT_VARIANCE] * np.outer(bent, bent))
 
 

@@ -133,6 +133,7 @@ class FootIns:
             name=cls.declaration.name,
             frame="",
             path=path.trajectory[reliable | ~path.aligned],
+            notes=path.notes,
             write_calibration=partial(write_learnt, estimator.learnt),
         )
 

@@ -9,8 +9,10 @@ from numba import njit
 from stridetwin.estimators.foot_ins import state
 from stridetwin.estimators.foot_ins.alignment import align, begin
 from stridetwin.estimators.foot_ins.clipping import restore_peaks
+from stridetwin.estimators.foot_ins.considered import add_considered, begin_considered
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.rest import bend_path, learn_bias_at_rest
+from stridetwin.estimators.foot_ins.slope import slope_height_sd
 from stridetwin.estimators.foot_ins.stance import (
     append_sample,
     level_floor_update,
@@ -75,6 +77,7 @@ def add_sample(
             undecided = parameters.wide_bias_share * parameters.gyro_wide_bias_sd_radps**2
             memory.unlearnt[state.UNLEARNT_VARIANCE] = undecided
         memory.unlearnt[state.UNLEARNT_HEIGHT] = parameters.stance_height_sd_m**2
+        begin_considered(memory, parameters)
         memory.path[3] = parameters.path_scale_sd  # share of the path's length that stays unknown
     elif t_ns <= clock[state.T_LAST]:
         return state.IGNORED, 0.0, 0.0
@@ -133,6 +136,7 @@ def step(
     speed_sd = stationary_speed_sd(statistic, memory.peak[0], parameters)
     if speed_sd < _MAX_VELOCITY_SD_MPS:  # with a larger one, the foot counts as moving
         zero_velocity_update(memory, parameters, rate, dt, speed_sd)
+        memory.clock[state.T_STANCE] = t_ns
     else:
         speed_sd = math.inf
     level_floor_update(memory, parameters, t_ns, speed_sd)
@@ -166,10 +170,11 @@ def write_estimate(memory: state.FilterState, nominal: Array, covariance: Array)
             covariance[3 + i, 3 + j] = P[attitude + i, attitude + j]
     unlearnt, turn = memory.unlearnt[state.UNLEARNT_VARIANCE], memory.unlearnt[state.UNLEARNT_TURN]
     bent = vec3_at(memory.unlearnt, state.UNLEARNT_POSITION)
-    covariance[2, 2] += memory.unlearnt[state.UNLEARNT_HEIGHT]
+    covariance[2, 2] += memory.unlearnt[state.UNLEARNT_HEIGHT] + slope_height_sd(memory) ** 2
     for i in range(3):
         for j in range(3):
             covariance[i, j] += unlearnt * bent[i] * bent[j]
         covariance[i, 5] += unlearnt * bent[i] * turn
         covariance[5, i] += unlearnt * bent[i] * turn
     covariance[5, 5] += unlearnt * turn * turn
+    add_considered(memory, covariance)

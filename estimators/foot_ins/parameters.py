@@ -131,6 +131,8 @@ if TYPE_CHECKING:
             gyro_wide_bias_sd_radps: Turn-on bias of a consumer part, rad/s.
             wide_bias_share: Probability that the sensor is one; 0 if its calibration gives the bias.
             gyro_scale_sd: Standard deviation of the gyro's scale error; 0: it is not estimated.
+            considered_scale_sd: Scale error of the gyro that is considered, not estimated; 0 if the calibration tells.
+            considered_delay_sd_s: Delay between the gyro and the accelerometer, likewise, s.
             stance_height_sd_m: Height above the floor from stance to stance, m, in the reported covariance alone.
             gyro_range_radps: Largest measurable rate, rad/s; 0 if unknown.
             accel_range_mps2: Largest measurable specific force, m/s²; 0 if unknown.
@@ -143,6 +145,8 @@ if TYPE_CHECKING:
         rest_rate_noise_radps_rthz: float
         gyro_wide_bias_sd_radps: float
         wide_bias_share: float
+        considered_scale_sd: float
+        considered_delay_sd_s: float
         stance_height_sd_m: float
         gyro_scale_sd: float
         gyro_range_radps: float
@@ -161,7 +165,9 @@ _WIDE_BIAS_SD_RADPS = (
     3.5e-3  # turn-on bias of consumer parts, 0.1 to 0.5 °/s: the class of a sensor that nobody calibrated
 )
 _WIDE_BIAS_SHARE = 0.5  # of unknown sensors that are of that class; the others have `gyro_bias_sd_radps`
-_STANCE_HEIGHT_SD_M = 0.018  # height of an unknown sensor above the floor, from stance to stance [real walks]
+_STANCE_HEIGHT_SD_M = 0.012  # height of an unknown sensor above the floor, from stance to stance [real walks]
+_UNKNOWN_SCALE_SD = 0.007  # of a gyro that nobody calibrated [data sheets of consumer parts: 1 to 3 % at most]
+_UNKNOWN_DELAY_SD_S = 0.005  # between its channels and the accelerometer's [six parts: 0, 0, 2.5, 2.5, 3.8 and 12.5 ms]
 _MISALIGNMENT_NOISE_PER_RTHZ = 0.6  # noise of the angular rate per rad of the gyro's misalignment [twin]
 
 # Parameters for motion, limits and scale errors, which `for_sensor` leaves out on request.
@@ -219,6 +225,7 @@ def for_sensor(
             motion, limits and scale errors.
     """
     imu = calibration or _UNKNOWN  # in which every number is 0, which means unknown
+    is_calibrated = imu.accelerometer_scale_sd > 0.0
     values = {name: float(value) for name, value in asdict(parameters).items()} | {
         "gyro_limit_noise_radps_rthz": _GYRO_LIMIT_NOISE_RADPS_RTHZ,
         "accel_limit_noise_mps2_rthz": (
@@ -230,7 +237,9 @@ def for_sensor(
         "gyro_wide_bias_sd_radps": _WIDE_BIAS_SD_RADPS,
         "wide_bias_share": 0.0 if imu.gyroscope_bias_sd > 0.0 else _WIDE_BIAS_SHARE,
         "gyro_scale_sd": imu.gyroscope_scale_sd,
-        "stance_height_sd_m": 0.0 if imu.accelerometer_scale_sd > 0.0 else _STANCE_HEIGHT_SD_M,
+        "considered_scale_sd": 0.0 if is_calibrated or imu.gyroscope_scale_sd > 0.0 else _UNKNOWN_SCALE_SD,
+        "considered_delay_sd_s": 0.0 if is_calibrated else _UNKNOWN_DELAY_SD_S,
+        "stance_height_sd_m": 0.0 if is_calibrated else _STANCE_HEIGHT_SD_M,
         "gyro_range_radps": imu.gyroscope_range,
         "accel_range_mps2": imu.accelerometer_range,
     }

@@ -15,6 +15,7 @@ from stridetwin.estimators.foot_ins.kalman import (
     spread_measurements,
 )
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
+from stridetwin.estimators.foot_ins.slope import finish_levelled_step, note_levelled
 from stridetwin.estimators.foot_ins.strapdown import shift_covariance
 from stridetwin.streams.algebra.tuples import (
     Mat3,
@@ -377,8 +378,11 @@ def level_floor_update(
     if has_floor and prior > 0.0 and abs(step) < most:
         same = likelihood_ratio / (likelihood_ratio + 1.0 / prior - 1.0)  # Bayes' rule
         _learn_level_step(memory, same, step, variance, work.spread[0, 0])
+        before = x[state.POSITION + 2]
         correct_probably(P, memory.error, work.gain, o, h, -step, variance, same)
         inject(memory)
+        note_levelled(memory, before - x[state.POSITION + 2])
+    finish_levelled_step(memory, not has_floor)
     if same > 0.5:
         return
     height = x[state.POSITION + 2] + r[2]  # again, as a correction may have moved the foot

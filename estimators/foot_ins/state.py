@@ -34,6 +34,7 @@ REPORTED = 15  # number of them in an estimate
     T_ALIGN,
     T_KNOWN,
     T_LAST_MOTION,
+    T_STANCE,
     HEAD,
     FILL,
     PHASE,
@@ -41,8 +42,8 @@ REPORTED = 15  # number of them in an estimate
     LEVER_KNOWN,
     CONTACT_PHASE,
     RESTORED,
-) = range(12)
-CLOCKS = 12
+) = range(13)
+CLOCKS = 13
 IGNORED, EMPTY, ALIGNING, NAVIGATING = -1, 0, 1, 2
 NEVER_LANDED, SWINGING, STANDING = 0, 1, 2
 
@@ -55,6 +56,10 @@ SERIES_RAD = 1e-4  # angle below which `exp` uses its series
 
 FILLED = 5  # entries of `filled`
 REST = 21  # entries of `rest`
+SCALE_ACROSS, SCALE_ALONG, DELAY = range(3)  # considered errors
+CONSIDERED = 3
+LEVELLED = 6  # entries of `levelled`
+ALONE = STATES + CONSIDERED  # rows of the covariance of a foot alone
 UNLEARNT_VARIANCE, UNLEARNT_TURN, UNLEARNT_POSITION, UNLEARNT_HEIGHT = 0, 1, 2, 5  # entries of `unlearnt`
 RING = 64  # samples available to the statistic; 35 ms at 1.8 kHz
 
@@ -71,7 +76,7 @@ class FilterState(NamedTuple):
         row: First of the 21 rows of `covariance` and `error` that are this foot's.
         tilted: (4,) quaternion at the beginning of an alignment.
         start_sd: (2,) standard deviation of the position (m) and of the heading (rad) at the first sample.
-        clock: (12,) int64, entries `T_LAST` to `RESTORED`: times in ns, counts and phases.
+        clock: (13,) int64, entries `T_LAST` to `RESTORED`: times in ns, counts and phases.
         ring_t_ns: (RING,) times of the last samples.
         ring: (RING, 6) rad/s and m/s², angular rate and specific force of the last samples.
         restored: (RING, 10) correction by the last restored peak of position (m), velocity (m/s) and attitude
@@ -92,6 +97,11 @@ class FilterState(NamedTuple):
         unlearnt: (6,) of errors that are no states: variance of the gyro's bias that no rest has decided on yet,
             (rad/s)²; what a bias of 1 rad/s about the vertical has done so far to the heading, rad, and to the
             position, m (in the plane: entries 2 and 3); variance of the height of a stance, m².
+        considered: First of the rows of `covariance` that hold the derivative of every error by each error that is
+            considered, but not estimated (module `considered`); -1: there are none.
+        considered_sd: (3,) standard deviations of these: scale of the gyro across and along the sole's normal; time by
+            which one channel is late, s.
+        levelled: (6,) of heights that a level floor or the drift took away, entries in module `slope`.
         prior: (7, 7) covariance of gyro bias, accelerometer bias and gyro scale from an earlier recording; 0: none.
         filled: (5,) length (s) and added variance of the line that the rates are on, and the forces; 1 if there was any
             since the last stance.
@@ -119,26 +129,34 @@ class FilterState(NamedTuple):
     hidden: Array
     rest: Array
     unlearnt: Array
+    considered: int
+    considered_sd: Array
+    levelled: Array
     prior: Array
     filled: Array
     work: Workspace
 
 
-def initial_state(covariance: Array | None = None, error: Array | None = None, row: int = 0) -> FilterState:
+def initial_state(
+    covariance: Array | None = None, error: Array | None = None, row: int = 0, considered: int = -1
+) -> FilterState:
     """State of a foot at the origin without samples: every entry is 0 but for the attitude, the start and the floor.
 
     Args:
         covariance: (n, n) of the filter that the foot belongs to; None: a filter of this foot alone.
         error: (n,) of that filter.
         row: First of the foot's 21 rows in them.
+        considered: First of the rows in `covariance` for considered errors; -1: none. A filter of this foot alone has
+            them behind its own.
     """
     nominal = np.zeros(NOMINAL)
     nominal[ATTITUDE] = 1.0
-    covariance = np.zeros((STATES, STATES)) if covariance is None else covariance
+    if covariance is None:
+        covariance, error, considered = np.zeros((ALONE, ALONE)), np.zeros(ALONE), STATES
     return FilterState(
         nominal=nominal,
         covariance=covariance,
-        error=np.zeros(STATES) if error is None else error,
+        error=np.zeros(len(covariance)) if error is None else error,
         row=row,
         tilted=nominal[ATTITUDE : ATTITUDE + 4].copy(),
         start_sd=np.array([START_POSITION_SD, START_HEADING_SD]),
@@ -157,6 +175,9 @@ def initial_state(covariance: Array | None = None, error: Array | None = None, r
         hidden=np.zeros((RING, 6)),
         rest=np.zeros(REST),
         unlearnt=np.zeros(6),
+        considered=considered,
+        considered_sd=np.zeros(CONSIDERED),
+        levelled=np.zeros(LEVELLED),
         prior=np.zeros((7, 7)),
         filled=np.zeros(FILLED),
         work=workspace(len(covariance), STATES),

@@ -7,8 +7,10 @@ import math
 from numba import njit
 
 from stridetwin.estimators.foot_ins import state
+from stridetwin.estimators.foot_ins.considered import propagate_considered
 from stridetwin.estimators.foot_ins.filled import find_filled_variances
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
+from stridetwin.estimators.foot_ins.slope import note_levelled
 from stridetwin.streams.algebra.tuples import (
     Mat3,
     Vec3,
@@ -28,6 +30,10 @@ from stridetwin.streams.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
 
 _MAX_STEP_S = 0.03  # a longer step is a gap
+# No foot moves for longer without a stance, so the filter has missed one, and its attitude and velocity are worse than
+# their noise tells: added then. [a crawling foot moves for 2.2 s]
+MOST_SWING_S = 2.5
+_MISSED_GYRO_NOISE_RADPS_RTHZ, _MISSED_ACCEL_NOISE_MPS2_RTHZ = 0.03, 1.0
 _GAP_GYRO_NOISE_RADPS_RTHZ, _GAP_ACCEL_NOISE_MPS2_RTHZ = 0.3, 3.0  # added in a gap, whose motion is not measured
 _MIN_GYRO_RANGE_RADPS, _MIN_ACCEL_RANGE_MPS2 = 7.0, 45.0  # least limits of a sensor of unknown range
 
@@ -238,6 +244,8 @@ def predict(memory: state.FilterState, parameters: KernelParameters, rate: Vec3,
     R, f_world, path, turn = propagate_state(memory.nominal, rate, force, dt, parameters.gravity_mps2, down)
     acceleration = f_world[0], f_world[1], f_world[2] - parameters.gravity_mps2
     propagate_covariance(P, o, R, f_world, dt, path, turn)
+    propagate_considered(memory, R, rate, dt)
+    note_levelled(memory, path * memory.nominal[state.DRIFT])
     # variances per second of attitude and velocity
     attitude_noise = parameters.gyro_noise_radps_rthz**2
     velocity_noise = parameters.accel_noise_mps2_rthz**2
@@ -249,6 +257,10 @@ def predict(memory: state.FilterState, parameters: KernelParameters, rate: Vec3,
     if dt > _MAX_STEP_S:
         attitude_noise += _GAP_GYRO_NOISE_RADPS_RTHZ**2
         velocity_noise += _GAP_ACCEL_NOISE_MPS2_RTHZ**2
+    newest = memory.ring_t_ns[state.ring_row(memory, 0)]
+    if (newest - memory.clock[state.T_STANCE]) * 1e-9 > MOST_SWING_S:
+        attitude_noise += _MISSED_GYRO_NOISE_RADPS_RTHZ**2
+        velocity_noise += _MISSED_ACCEL_NOISE_MPS2_RTHZ**2
     # of samples that a driver filled in
     turned, pushed = find_filled_variances(
         memory, dt, math.sqrt(dot(rate, rate)), math.sqrt(dot(acceleration, acceleration))

@@ -76,6 +76,8 @@ class TransitionWindow(NamedTuple):
         evidence: (C + 1, 21) j of the same transitions.
         path: (4,) `FilterState.path` at the newest sample.
         unlearnt: (6,) `FilterState.unlearnt` at the newest sample.
+        levelled: (6,) `FilterState.levelled` at the newest sample.
+        considered: (C, 3, 21) derivatives of the filtered error by the considered errors.
         released: The sample that left last, smoothed.
         scratch: (2, 21, 21) overwritten.
     """
@@ -91,6 +93,8 @@ class TransitionWindow(NamedTuple):
     evidence: Array
     path: Array
     unlearnt: Array
+    considered: Array
+    levelled: Array
     released: state.FilterState
     scratch: Array
 
@@ -111,6 +115,8 @@ def empty_window(capacity: int) -> TransitionWindow:
         evidence=np.zeros((capacity + 1, state.STATES)),
         path=np.zeros(4),
         unlearnt=np.zeros(6),
+        levelled=np.zeros(state.LEVELLED),
+        considered=np.zeros((capacity, state.CONSIDERED, state.STATES)),
         released=state.initial_state(),
         scratch=np.zeros((2, state.STATES, state.STATES)),
     )
@@ -118,7 +124,9 @@ def empty_window(capacity: int) -> TransitionWindow:
 
 def initial_augmented_state() -> state.FilterState:
     """State of a foot without samples, whose covariance has the rows that `augment` needs."""
-    return state.initial_state(np.zeros((2 * state.STATES, 2 * state.STATES)), np.zeros(2 * state.STATES))
+    n = 2 * state.STATES
+    rows = n + state.CONSIDERED
+    return state.initial_state(np.zeros((rows, rows)), np.zeros(rows), considered=n)
 
 
 @njit(**INNER_KERNEL)
@@ -130,7 +138,7 @@ def augment(memory: state.FilterState) -> None:
     """
     P, n = memory.covariance, 2 * state.STATES
     for i in range(state.STATES, n):
-        for j in range(n):
+        for j in range(P.shape[0]):
             P[i, j] = P[j, i] = 1.0 if i == j + state.STATES else 0.0
         memory.error[i] = 0.0
 
@@ -258,6 +266,10 @@ def append(window: TransitionWindow, memory: state.FilterState, phase: int, spee
     P, n = memory.covariance, state.STATES
     copy(memory.path, window.path)
     copy(memory.unlearnt, window.unlearnt)
+    copy(memory.levelled, window.levelled)
+    copy(memory.considered_sd, window.released.considered_sd)
+    for k in range(state.CONSIDERED):
+        copy(P[memory.considered + k, : state.STATES], window.considered[i, k])
     copy(memory.nominal, window.nominal[i])
     for k in range(n):
         for j in range(n):
@@ -343,6 +355,11 @@ def release_oldest(window: TransitionWindow) -> int:
     copy(window.nominal[i], released.nominal)
     copy(window.path, released.path)
     copy(window.unlearnt, released.unlearnt)
+    copy(window.levelled, released.levelled)
+    for k in range(state.CONSIDERED):
+        c = released.considered + k
+        for m in range(state.STATES):
+            released.covariance[c, m] = released.covariance[m, c] = window.considered[i, k, m]
     released.clock[state.T_LAST] = window.t_ns[i]
     inject(released)  # x ⊕ P j
     return i

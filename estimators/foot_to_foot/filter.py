@@ -39,6 +39,7 @@ METHODS: dict[str, tuple[type, ...]] = {
 Aiding = BoardObservation | RelativePosition | Range
 MAX_WAITING_AIDS = 16  # aids that may wait for the IMUs to reach their time; the oldest is dropped first
 
+_NOTHING_JOINS = "without shoe cameras and sonars nothing joins the feet: each path is that of its foot alone"
 _REPORTED_OF_BOTH = np.r_[:REPORTED, STATES : STATES + REPORTED]
 """The first 15 errors of each foot."""
 
@@ -182,11 +183,13 @@ class FootToFoot:
         world = name if options.method == PROPOSED else f"{name}_{options.method}"
         # statistics of consistency: those of both feet, and below those of each foot's zero velocities
         common = {kind: value for kind, value in estimator.nis.items() if not kind.startswith("standing")}
+        alone = () if any(not s.required for s in streams) else (_NOTHING_JOINS,)
         estimates = []
         for foot, path in paths.items():
             standing = estimator.nis.get(f"standing_{foot}")
             nis = common if standing is None else {"standing": standing, **common}
-            estimates.append(path.estimate(recording, world, foot, cls.declaration.label or "", nis, world))
+            estimate = path.estimate(recording, world, foot, cls.declaration.label or "", nis, world)
+            estimates.append(replace(estimate, notes=estimate.notes + alone))
         return estimates
 
     def update(self, sample: Imu | Image | Aiding) -> FootToFootEstimate | None:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from foot_motion import ADIS16485, LEFT_FOOT, Walk, walk
+from foot_motion import ADIS16485, CALIBRATED, LEFT_FOOT, Walk, rig_of, walk
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -33,7 +33,7 @@ def cut(block: Block[Imu], n: int) -> Block[Imu]:
 
 def rauch_tung_striebel(imu: Block[Imu]) -> tuple[np.ndarray, np.ndarray]:
     """Smoothed error (N, 19) of each filtered state, and its covariance, by gains through a real clone of the state."""
-    parameters = for_sensor(FootInsParameters(), ADIS16485)
+    parameters = for_sensor(FootInsParameters(), CALIBRATED)
     memory = initial_state(np.zeros((2 * STATES, 2 * STATES)), np.zeros(2 * STATES))
     own, clone = slice(0, STATES), slice(STATES, 2 * STATES)
     P, error = memory.covariance, memory.error
@@ -59,8 +59,8 @@ def rauch_tung_striebel(imu: Block[Imu]) -> tuple[np.ndarray, np.ndarray]:
 
 def test_a_lag_of_the_whole_walk_is_rauch_tung_striebel(short: Walk) -> None:
     error, covariance = rauch_tung_striebel(short.imu)
-    plain = FootIns(LEFT_FOOT).run(short.imu)
-    smooth = FootInsSmoother(10.0, ADIS16485).run(short.imu)
+    plain = FootIns(rig_of(CALIBRATED)).run(short.imu)
+    smooth = FootInsSmoother(10.0, CALIBRATED).run(short.imu)
     aligned = plain.aligned & np.roll(plain.aligned, 1)
     moved = smooth.trajectory.p_frame_in_world - plain.trajectory.p_frame_in_world
     sd = np.sqrt(np.diagonal(plain.trajectory.covariance, axis1=1, axis2=2))
@@ -84,7 +84,7 @@ def test_a_lag_is_the_whole_interval_from_its_end(longer: Walk, at: int) -> None
 
 
 def test_no_lag_is_the_filter(longer: Walk) -> None:
-    plain, smooth = FootIns(LEFT_FOOT).run(longer.imu), FootInsSmoother(0.0, ADIS16485).run(longer.imu)
+    plain, smooth = FootIns(rig_of(CALIBRATED)).run(longer.imu), FootInsSmoother(0.0, CALIBRATED).run(longer.imu)
     np.testing.assert_array_equal(smooth.trajectory.t_ns, plain.trajectory.t_ns)
     np.testing.assert_array_equal(smooth.trajectory.p_frame_in_world, plain.trajectory.p_frame_in_world)
     np.testing.assert_array_equal(smooth.v_imu_in_world, plain.v_imu_in_world)
@@ -93,7 +93,7 @@ def test_no_lag_is_the_filter(longer: Walk) -> None:
 
 
 def test_what_follows_never_makes_it_less_sure(longer: Walk) -> None:
-    plain, smooth = FootIns(LEFT_FOOT).run(longer.imu), FootInsSmoother(1.0, ADIS16485).run(longer.imu)
+    plain, smooth = FootIns(rig_of(CALIBRATED)).run(longer.imu), FootInsSmoother(1.0, CALIBRATED).run(longer.imu)
     P, S = plain.trajectory.covariance, smooth.trajectory.covariance
     sd = np.sqrt(np.diagonal(P, axis1=1, axis2=2))
     scale = sd[:, :, None] * sd[:, None, :]

@@ -41,3 +41,17 @@ def test_a_walk_keeps_every_pose():
     path = FootIns.estimate_block(imu_block(t, rate, force), Options()).path
     assert len(path) == len(t)
     assert abs(path.p_frame_in_world[-1, 2]) < 0.1
+
+
+def test_rare_stances_are_said_and_widen_the_covariance():
+    block = carry_in_hand(5.0, 30.0)
+    estimate = FootIns.estimate_block(block, Options())
+    (note,) = estimate.notes
+    assert "no stance within 2.5 s for" in note
+    t, force, rate = simulate_foot()
+    assert FootIns.estimate_block(imu_block(t, rate, force), Options()).notes == ()
+    path = FootIns().run(block).trajectory
+    seconds = path.t_ns * 1e-9
+    before, after = np.searchsorted(seconds, [7.4, 11.0])  # up to 2.5 s after the last rest, and after 6 s
+    sd = np.sqrt(path.covariance[:, 0, 0])
+    assert sd[after] > 1.0 > sd[before]

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import copy
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from foot_motion import ADIS16485, LEFT_FOOT, walk
+from foot_motion import ADIS16485, CALIBRATED, LEFT_FOOT, rig_of, walk
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -168,8 +169,8 @@ def test_a_board_predicted_far_off_is_found_where_it_is() -> None:
 
 def test_one_foot_alone_is_the_one_foot_filter() -> None:
     truth = walk(strides=6, calibration=ADIS16485, rng=np.random.default_rng(0))
-    one = FootIns(LEFT_FOOT).run(truth.imu)
-    two = FootToFoot(LEFT_FOOT).run({"l": truth.imu})["l"]
+    one = FootIns(rig_of(CALIBRATED)).run(truth.imu)
+    two = FootToFoot(rig_of(CALIBRATED)).run({"l": truth.imu})["l"]
     np.testing.assert_allclose(two.trajectory.p_frame_in_world, one.trajectory.p_frame_in_world, atol=1e-12)
     np.testing.assert_allclose(two.trajectory.covariance, one.trajectory.covariance, atol=1e-12)
     np.testing.assert_array_equal(two.standing_speed_sd, one.standing_speed_sd)
@@ -184,6 +185,16 @@ def test_two_feet_without_cameras_and_echoes_are_two_one_foot_filters(short) -> 
         np.testing.assert_allclose(
             paths[foot].trajectory.p_frame_in_world, alone.trajectory.p_frame_in_world, atol=1e-12
         )
+
+
+def test_feet_that_nothing_joins_are_said(short) -> None:
+    simulation, imus, _ = short
+    rig = replace(simulation.rig, cameras={}, others={})
+    recording = SimpleNamespace(
+        rig=rig, path="walk.mcap", topics=tuple(b.topic for b in imus.values()), block=lambda t: imus[t[len("/foot_")]]
+    )
+    for estimate in FootToFoot.follow(recording, Options()):
+        assert any("nothing joins the feet" in note for note in estimate.notes)
 
 
 @pytest.mark.parametrize("method", ["proposed", "published", "zupt_relative_distance"])
