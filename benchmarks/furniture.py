@@ -41,7 +41,7 @@ from stridetwin.streams.trajectory import Trajectory
 SENSORS = ("insole", "head_imu", "head_camera")
 """Sensors of the walks."""
 KINDS = ("room", "outdoor", "things", "kitchen")
-"""Kinds of walks: in a room, between planters, and past furniture, crates and walls beside the way; scans of kitchens."""
+"""Kinds of walks: in a room, between planters, and past furniture, crates and walls; scans of kitchens."""
 _RATE_HZ = 10.0
 """Rate of the camera: a third of its usual one, for speed."""
 _MOST_THINGS, _TRIES = 6, 40
@@ -163,10 +163,7 @@ def measure(arguments: Namespace) -> dict[str, Any]:
         folder.mkdir(parents=True, exist_ok=True)
         for seed in range(first, last + 1):
             for kind in arguments.kinds:
-                if kind == "kitchen":
-                    figures = map_kitchen(seed)
-                else:
-                    figures = map_flights(record_walk(kind, seed, folder))
+                figures = map_kitchen(seed) if kind == "kitchen" else map_flights(record_walk(kind, seed, folder))
                 rows.append({"walk": kind, "seed": seed, **figures})
                 if not arguments.json:
                     _show_row(rows[-1])

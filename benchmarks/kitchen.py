@@ -1,7 +1,7 @@
 """Kitchens that nobody walks stairs in, scanned by hand: boxes seen by a depth camera, by exact ray casting.
 
-Counters of 0.85-0.95 m along walls, with drawers and a dishwasher standing open, a table, chairs, and boxes on the floor
-of 10-25 cm. A depth camera of 57 by 44 degrees is held at chest height and swept by hand, with six degrees of freedom,
+Counters of 0.85-0.95 m along walls, with drawers and a dishwasher standing open, a table, chairs, and boxes of 10-25 cm
+on the floor. A depth camera of 57 by 44 degrees is held at chest height and swept by hand, with six degrees of freedom,
 close to all of these. The map gets the true poses, as those of 7-Scenes are, with their errors.
 """
 

@@ -32,6 +32,8 @@ _FOLLOWED, _MAX_EVIDENCE = 0.35, 12.0
 the plane's share, over which it is a mean."""
 _LOW_M = 0.04
 """A plane that is less higher than another one is as high."""
+_MIN_STOOD_EYE_M = 0.95
+"""A plane that the walker stands on is at least so far below the camera: chest of a short person."""
 _START_M = 0.3
 """Way of the camera from which on the walker has moved: half a step."""
 _START_REACH_M = 2.0
@@ -82,7 +84,7 @@ class WalkedPlanes:
         self._under = offsets[(offsets**2).sum(axis=1) <= reach**2]
         self._stood_ids: set[int] = set()  # planes that have been most of the ground under the walker
         self._image = 0  # number of the image
-        # by id of a plane that was most of the ground under the walker: last such image, height of the camera over it, m
+        # by id of a plane that has just been most of that ground: last such image, height of the camera over it, m
         self._stood: dict[int, tuple[int, float]] = {}
         # by id of a plane: images that tell whether the camera rose with it, and the mean share by which it did
         self._followed: dict[int, tuple[float, float]] = {}
@@ -139,7 +141,7 @@ class WalkedPlanes:
             share: Share of the ground under the walker.
             planes: Planes by id.
         """
-        stands = share >= _STOOD_SHARE
+        stands = share >= _STOOD_SHARE and eye_m > _MIN_STOOD_EYE_M
         for other, (_, other_eye_m) in self._stood.items():
             up = float(plane.centre[2] - planes[other].centre[2])
             if up > _LOW_M:
