@@ -1,9 +1,10 @@
 """How often furniture, walls and planters are mapped as stairs on level walks in rooms that nobody has seen.
 
 `python -m benchmarks.furniture [--seeds 0-19] [--folder DIR] [--json]`. Each seed gives a walk of a few metres on level
-ground in a room that is furnished anew (the catalogue's rooms all look alike), one between planters outdoors, and one
-with tables, chairs, crates and walls beside the way. The map gets the true poses. Per walk: flights in the last map,
-largest number in any map, and the share of maps with a flight. `--folder` keeps the recordings for the next run.
+ground in a room that is furnished anew (the catalogue's rooms all look alike), one between planters outdoors, one with
+tables, chairs, crates and walls beside the way, and a kitchen that is scanned by hand (`benchmarks.kitchen`). The map
+gets the true poses. Per walk: flights in the last map, largest number in any map, and the share of maps with a flight.
+`--folder` keeps the recordings for the next run.
 """
 
 from __future__ import annotations
@@ -11,12 +12,14 @@ from __future__ import annotations
 import re
 import tempfile
 from argparse import Namespace
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks import kitchen
 from benchmarks.command import answer, command
 from stridetwin.estimators.terrain_map import Stairs, TerrainMap
 from stridetwin.estimators.terrain_map.depth_camera import depth_calibration
@@ -32,13 +35,13 @@ from stridetwin.sim.world import obstacles
 from stridetwin.sim.world.route import lay_out
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.recording.reader import Recording
-from stridetwin.streams.samples import Depth
+from stridetwin.streams.samples import Depth, Sample
 from stridetwin.streams.trajectory import Trajectory
 
 SENSORS = ("insole", "head_imu", "head_camera")
 """Sensors of the walks."""
-KINDS = ("room", "outdoor", "things")
-"""Kinds of walks: in a room, between planters, and past furniture, crates and walls beside the way."""
+KINDS = ("room", "outdoor", "things", "kitchen")
+"""Kinds of walks: in a room, between planters, and past furniture, crates and walls; scans of kitchens."""
 _RATE_HZ = 10.0
 """Rate of the camera: a third of its usual one, for speed."""
 _MOST_THINGS, _TRIES = 6, 40
@@ -120,8 +123,18 @@ def map_flights(path: Path) -> dict[str, Any]:
     )
     instance = instance_for(TerrainMap, recording).with_poses_of(frame)
     terrain_map = TerrainMap(recording.rig, options=instance.options)
+    return _count_flights(terrain_map, merge_poses(poses, recording, [depth_calibration(recording.rig).depth_topic]))
+
+
+def map_kitchen(seed: int) -> dict[str, Any]:
+    """Flights in the maps of a kitchen that is scanned by hand, as `map_flights` has them for a recording."""
+    return _count_flights(TerrainMap(kitchen.RIG), kitchen.scan_kitchen(seed))
+
+
+def _count_flights(terrain_map: TerrainMap, samples: Iterable[Sample]) -> dict[str, Any]:
+    """Figures of `map_flights`, of a map that takes samples in time order."""
     counts, last = [], None
-    for sample in merge_poses(poses, recording, [depth_calibration(recording.rig).depth_topic]):
+    for sample in samples:
         estimate = terrain_map.update(sample)
         if isinstance(sample, Depth) and estimate is not None:
             counts.append(len(estimate.stairs))
@@ -150,7 +163,8 @@ def measure(arguments: Namespace) -> dict[str, Any]:
         folder.mkdir(parents=True, exist_ok=True)
         for seed in range(first, last + 1):
             for kind in arguments.kinds:
-                rows.append({"walk": kind, "seed": seed, **map_flights(record_walk(kind, seed, folder))})
+                figures = map_kitchen(seed) if kind == "kitchen" else map_flights(record_walk(kind, seed, folder))
+                rows.append({"walk": kind, "seed": seed, **figures})
                 if not arguments.json:
                     _show_row(rows[-1])
     return {"walks": rows}

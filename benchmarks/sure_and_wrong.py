@@ -25,13 +25,16 @@ from stridetwin.estimators.locomotion_mode import MODES
 from stridetwin.outputs.modes.scores import ScoredMode
 from stridetwin.scenarios.record import record
 from stridetwin.sim.config import Gait, Level, Ramp, Segment, Stairs, Turn, TwinConfig
+from stridetwin.sim.faults.faults import Fault, FaultPlan
+from stridetwin.sim.faults.image_faults import Darkness
+from stridetwin.sim.faults.sample_faults import Dropout
 from stridetwin.sim.parts.kinds import RgbdPart
 from stridetwin.sim.parts.library import load_part
 from stridetwin.sim.twin import Twin
 from stridetwin.sim.world.route import lay_out
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.recording.reader import Recording
-from stridetwin.streams.samples import Depth, Image, Sample
+from stridetwin.streams.samples import Sample
 from stridetwin.studies.terrain_zoo.kinds import Rng, draw_base_walk
 from stridetwin.studies.zhao2023.mode_walks import predict, samples_with_poses, score_predictions, sole_length_m
 
@@ -65,6 +68,17 @@ class SearchWalk:
     poses: str
     dark_s: tuple[float, float] = (0.0, 0.0)
     blind: bool = False
+
+    @property
+    def faults(self) -> tuple[Fault, ...]:
+        """Darkness, and no depth either if the walk is blind, in the time without light."""
+        begin_s, end_s = self.dark_s
+        if begin_s == end_s:
+            return ()
+        mount, lasts_s = self.config.rig_mount, end_s - begin_s
+        dark = Darkness(topic=f"/{mount}/color", at_s=begin_s, duration_s=lasts_s)
+        no_depth = Dropout(topic=f"/{mount}/depth", at_s=begin_s, duration_s=lasts_s)
+        return (dark, no_depth) if self.blind else (dark,)
 
 
 def draw_search_walk(family: str, seed: int) -> SearchWalk:
@@ -144,30 +158,17 @@ def _draw_change(rng: Rng) -> Segment:
     return Stairs(risers=risers, riser_m=riser_m, tread_m=1e-3 * float(rng.uniform(250, 340)), down=down)
 
 
-def darken(samples: Iterable[Sample], walk: SearchWalk) -> Iterator[Sample]:
-    """Passes on the samples, with black images, and empty depth if the walk is blind, while there is no light."""
-    begin_ns, end_ns = (round(1e9 * at_s) for at_s in walk.dark_s)
-    for sample in samples:
-        is_dark = begin_ns <= sample.t_ns < end_ns
-        if is_dark and isinstance(sample, Image):
-            yield replace(sample, pixels=np.zeros_like(sample.pixels))
-        elif is_dark and walk.blind and isinstance(sample, Depth):
-            yield replace(sample, depth=np.zeros_like(sample.depth))
-        else:
-            yield sample
+class _FaultyRecording(Recording):
+    """A recording of a walk, with the faults that the walk has."""
 
-
-class _DarkRecording(Recording):
-    """A recording whose samples are darkened as a walk wants it."""
-
-    def __init__(self, path: Path, walk: SearchWalk) -> None:
-        """Opens the file of a walk."""
+    def __init__(self, path: Path, walk: SearchWalk, seed: int) -> None:
+        """Opens the file of a walk; the seed draws the noise of dark images."""
         super().__init__(path)
-        self._walk = walk
+        self._plan = FaultPlan.of(walk.faults, self.rig, seed, self.duration)
 
     def samples(self, *arguments: Any, **keywords: Any) -> Iterator[Sample]:
-        """Yields the samples in time order, darkened."""
-        return darken(super().samples(*arguments, **keywords), self._walk)
+        """Yields the samples in time order, as they arrive with the faults."""
+        return self._plan.samples(super().samples(*arguments, **keywords))
 
 
 def predict_walk(walk: SearchWalk, seed: int, folder: Path) -> list[ScoredMode]:
@@ -181,7 +182,7 @@ def predict_walk(walk: SearchWalk, seed: int, folder: Path) -> list[ScoredMode]:
     path = folder / f"{walk.config.name}.mcap"
     if not path.exists():
         record(Twin(walk.config, seed), path)
-    recording = _DarkRecording(path, walk)
+    recording = _FaultyRecording(path, walk, seed)
     samples = samples_with_poses(recording, walk.config.rig_mount, walk.poses)
     predictions = predict(samples, recording, ("proposed",))
     return score_predictions(predictions, recording, sole_length_m(walk.config))["proposed"].steps

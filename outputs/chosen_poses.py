@@ -40,7 +40,10 @@ from stridetwin.streams.trajectory import Trajectory
 
 TRUE_POSES = "truth"
 """The value of `--poses` that requests the true poses of a recording."""
-_IMAGES = 20  # most depth images from which the direction upwards is estimated
+_IMAGES = (20, 60, 180)
+"""Depth images, spread over the recording, from which the vertical is found: more of them until it is sure."""
+_ENOUGH_SD_RAD = math.radians(0.3)
+"""A confirmed vertical with a smaller standard deviation needs no more images."""
 _TILT_RAD = math.radians(30.0)
 """A smaller angle may be that of a ramp; the frame of a first image is off by a right angle or so."""
 _SMALL_TILT_RAD, _SURE_SD = math.radians(1.5), 4.0
@@ -100,7 +103,8 @@ def choose_poses(
             raise RecordingError(
                 f"{recording.path}: no true poses: {topic} is an estimate; leave out --poses {TRUE_POSES}"
             )
-        return _choose_upright(recording, _read_path(recording, topic), frame, f"true poses of {topic}")
+        path = _read_path(recording, topic)
+        return _choose_upright(recording, path, frame, f"true poses of {topic}", is_truth=recording.is_mcap)
     odometry = default_odometry()
     body = camera.mount.body
     instances = [with_parameters(instance, parameters) for instance in runnable_instances(odometry, recording)]
@@ -237,7 +241,9 @@ def _read_path(recording: Recording, topic: str) -> Trajectory:
     return Trajectory(t_ns=block.t_ns, p_frame_in_world=p, q_world_frame=q)
 
 
-def _choose_upright(recording: Recording, path: Trajectory, frame: str, description: str) -> ChosenPoses:
+def _choose_upright(
+    recording: Recording, path: Trajectory, frame: str, description: str, *, is_truth: bool = False
+) -> ChosenPoses:
     """The poses in a world whose z axis is up, with a description that names the rotation if one was needed.
 
     Args:
@@ -245,34 +251,42 @@ def _choose_upright(recording: Recording, path: Trajectory, frame: str, descript
         path: Poses of `frame`.
         frame: Frame of the poses; "" is the depth camera's optical frame.
         description: What the poses are, for a message.
+        is_truth: Whether they are true poses of a recording, whose vertical is that of the world.
     """
-    path, remark = _set_upright(recording, path, frame)
+    path, remark = _set_upright(recording, path, frame, is_truth=is_truth)
     return ChosenPoses(path=path, frame=frame, description=description + remark)
 
 
-def _set_upright(recording: Recording, path: Trajectory, frame: str) -> tuple[Trajectory, str]:
-    """Rotates poses so that their world's z axis is up, as surfaces in some depth images show it.
+def _set_upright(recording: Recording, path: Trajectory, frame: str, *, is_truth: bool) -> tuple[Trajectory, str]:
+    """Rotates poses so that their world's z axis is up, as surfaces in depth images show it.
 
-    Poses of the twin's truth are upright by definition. Others that seem tilted by a small angle stay as they are
-    unless surfaces at two heights, or walls, agree: it may be a ramp.
+    Where few images show no level ground, or too little of it, more are taken. True poses of a recording are upright by
+    definition. Others that seem tilted by a small angle stay as they are unless surfaces at two heights, or walls,
+    agree: it may be a ramp. Nor is such a tilt corrected where many level surfaces agree with the z axis as it is.
 
     Args:
         recording: With the depth images.
         path: Poses of `frame`.
         frame: Frame of the poses; "" is the depth camera's optical frame.
+        is_truth: Whether they are true poses of a recording.
 
     Returns:
         The poses, and a remark on what was found, which begins with ", " or is empty.
     """
-    images = _list_posed_images(recording, path, frame)
-    coarse = upward(_views_of(images))  # in the world of the given poses; None without any ground
-    if coarse is None:
+    vertical = None
+    for count in _IMAGES[:1] if is_truth else _IMAGES:
+        images = _list_posed_images(recording, path, frame, count)
+        coarse = upward(_views_of(images))  # in the world of the given poses; None without any ground
+        vertical = None if coarse is None else _find_vertical(images, coarse)
+        is_sure = vertical is not None and vertical.is_confirmed and vertical.sd_rad < _ENOUGH_SD_RAD
+        if is_sure or len(images) < count:  # there are no more images
+            break
+    if vertical is None:
         return path, ", no level ground in their depth images shows whether their z axis is up"
-    vertical = _find_vertical(images, coarse)
     angle = math.acos(min(1.0, max(-1.0, float(vertical.up[2]))))
     if angle < _TILT_RAD:
         sure_rad = max(_SMALL_TILT_RAD, _SURE_SD * vertical.sd_rad)
-        if recording.is_mcap or not vertical.is_confirmed or angle < sure_rad:
+        if is_truth or not vertical.is_confirmed or angle < sure_rad:
             return path, ""
     tilted = "their z axis is not up" if angle >= _TILT_RAD else "level ground and walls are tilted"
     digits = 0 if angle >= _TILT_RAD else 1
@@ -291,8 +305,8 @@ def _find_vertical(images: Sequence[_PosedImage], coarse: Array) -> Vertical:
     """The vertical from planes through the surfaces of some images; `coarse` (3,) if no surface is level enough."""
     surfaces = [
         surface
-        for image in images
-        for surface in find_surfaces(image.depth, image.intrinsics, image.T_world_camera, coarse)
+        for number, image in enumerate(images)
+        for surface in find_surfaces(image.depth, image.intrinsics, image.T_world_camera, coarse, number)
     ]
     return refine_vertical(surfaces, coarse) or Vertical(coarse, math.inf, is_confirmed=False)
 
@@ -324,22 +338,23 @@ def _views(recording: Recording, path: Trajectory, frame: str) -> list[tuple[Arr
         path: Poses of `frame`.
         frame: Frame of the poses; "" is the depth camera's optical frame.
     """
-    return _views_of(_list_posed_images(recording, path, frame))
+    return _views_of(_list_posed_images(recording, path, frame, _IMAGES[0]))
 
 
-def _list_posed_images(recording: Recording, path: Trajectory, frame: str) -> list[_PosedImage]:
-    """Some depth images with the camera's pose in the world of the poses.
+def _list_posed_images(recording: Recording, path: Trajectory, frame: str, count: int) -> list[_PosedImage]:
+    """Some depth images, spread over the recording, with the camera's pose in the world of the poses.
 
     Args:
         recording: With the depth images.
         path: Poses of `frame`.
         frame: Frame of the poses; "" is the depth camera's optical frame.
+        count: Most images.
     """
     calibration = depth_calibration(recording.rig)
     camera, T_frame_camera = DepthCamera(calibration), camera_in_frame(recording.rig, calibration, frame)
     stamps = recording.image_times(calibration.depth_topic)
     in_path = np.flatnonzero((stamps >= path.t_ns[0]) & (stamps <= path.t_ns[-1]))
-    chosen = in_path[np.linspace(0, len(in_path) - 1, min(_IMAGES, len(in_path))).astype(int)].tolist()
+    chosen = in_path[np.linspace(0, len(in_path) - 1, min(count, len(in_path))).astype(int)].tolist()
     images: list[_PosedImage] = []
     for image in recording.images(calibration.depth_topic, chosen):
         if isinstance(image, Depth):

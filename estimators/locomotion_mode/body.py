@@ -118,6 +118,14 @@ class Body:
         way = way + _STILL_M * look / max(float(np.linalg.norm(look)), 1e-9)
         return math.atan2(way[1], way[0])
 
+    def velocity_now(self) -> Array | None:
+        """(2,) m/s, horizontal, over at least the last `_VELOCITY_S`; None if no pose is stored of about that time."""
+        for t_ns, p in reversed(self._history):
+            seconds = (self.t_ns - t_ns) * 1e-9
+            if seconds >= _VELOCITY_S:
+                return (self.p - p)[:2] / seconds if seconds < 2.0 * _VELOCITY_S else None
+        return None
+
     def velocity(self) -> Array:
         """(3,) m/s, displacement over the last `_VELOCITY_S` divided by that time."""
         return (self.p - self.position_before(_VELOCITY_S)) / _VELOCITY_S

@@ -15,8 +15,10 @@ from stridetwin.estimators.contact_terrain import UNKNOWN, StepEstimate
 from stridetwin.estimators.locomotion_mode.body import Body
 from stridetwin.estimators.locomotion_mode.changes import find_next_change
 from stridetwin.estimators.locomotion_mode.estimate import MODES, ModeEstimate, StepPrediction
+from stridetwin.estimators.locomotion_mode.falls import FallFinder
 from stridetwin.estimators.locomotion_mode.foothold import (
     USUAL_HEIGHT_M,
+    Arrival,
     FootholdEstimator,
     PathAhead,
     extrapolate_ground,
@@ -51,6 +53,8 @@ _BACK_M = 2.4
 """How far behind the start of the path the ground is read from the map."""
 _IN_VIEW_S = 0.5
 """Ground that was in an image of depth so recently is where the image showed it, however the poses drift."""
+_SPEED_SD_MPS = 0.25
+"""Standard deviation of the change of the body's speed until a foot lands."""
 _UNSURE = 0.5
 """From this probability on that drift of the poses changes a step's mode, the mode is unknown."""
 _MAX_HEIGHT_M = 2.2
@@ -116,6 +120,7 @@ class LocomotionMode:
         self._touch = TouchDowns(p)
         self._walking = WalkingInformation(p)
         self._rhythm, self._foothold = StepRhythm(p), FootholdEstimator(p)
+        self._falls, self._is_looking = FallFinder(), False  # whether a new image is to be searched for falls
         self._seen_ns = -(10**18)  # time of the last image that showed the ground
         self._is_lost = False  # whether the map began anew in the walk and does not show the ground under the foot
         self._stairs: Stairs | None = None  # the last well-known flight: others of the building are alike
@@ -155,6 +160,7 @@ class LocomotionMode:
                 self._foothold.reset()
                 self._walking.clear()
                 self._pose_trust.clear()
+                self._falls.clear()
             self._pose_trust.add(sample)
             return None
         known = self._body.is_known(sample.t_ns)  # whether there is a recent pose
@@ -171,6 +177,7 @@ class LocomotionMode:
             new = isinstance(sample, Depth) and self.ground.update(sample) is not None
             if new:
                 self._seen_ns = sample.t_ns
+                self._is_looking = True
         if not (new and known):
             return None
         return (
@@ -258,7 +265,8 @@ class LocomotionMode:
         estimate = self.ground.estimate
         if estimate is not None:
             self._stairs = last_flight(estimate, self._stairs)
-        return segments_along(profile, estimate, line.forward, self._settings_with_drift(), self._stairs)
+        fall = self._falls.find(profile, line.origin, line.forward)
+        return segments_along(profile, estimate, line.forward, self._settings_with_drift(), self._stairs, fall)
 
     def _settings_with_drift(self) -> Settings:
         """The settings, with the present drift of the poses, which bends and tilts the map."""
@@ -280,17 +288,21 @@ class LocomotionMode:
         p, foothold, rhythm = self._settings, self._foothold, self._rhythm
         line = self._path_ahead()
         profile = self._read_profile(line)
+        if self._is_looking:
+            self._falls.look(self.ground, profile, line.origin, line.forward)
+            self._is_looking = False
         ground = self._ground_along(profile, line)
         stance, feet = foothold.stance_density(line), rhythm.next_feet()
         if rhythm.is_over_foot(t_ns):
             height = foothold_heights(ground, profile, foothold.s, p)
             top = self._body.max_height(rhythm.down_ns)
             stance = foothold.after_passing(stance, height, top, self._pose_trust.vertical_m)
-        chain = foothold.predict_footprints(stance, ground, feet)
+        chain = foothold.predict_footprints(stance, ground, feet, self._expected_arrival(line, feet[0], t_ns))
         here, _ = moments(position(stance), foothold.s)  # mean position of the stance foot, m along the path
         # (K,) probability that unobserved ground under each step differs; (K, 5) probability of each mode with that
         self._is_lost &= not is_under_foot(profile, here)
-        unseen_there = unseen_probability(profile, foothold.s, here, p, is_lost=self._is_lost)
+        fall = self._falls.find(profile, line.origin, line.forward)
+        unseen_there = unseen_probability(profile, foothold.s, here, p, is_lost=self._is_lost, fall=fall)
         unseen = chain.density @ unseen_there
         if self._is_lost:  # the rise to a footprint depends on the ground under the foot behind as well
             behind = np.array([position(stance) @ unseen_there, *unseen[:-1]])
@@ -346,6 +358,18 @@ class LocomotionMode:
             step_length_sd=foothold.step_sd_m,
             step_time=rhythm.step_s,
         )
+
+    def _expected_arrival(self, line: PathAhead, foot: str, t_ns: int) -> Arrival | None:
+        """Where the body will be on a path when a foot lands; None while that foot is not in the air, or poses lack.
+
+        The body goes on with its present velocity, which changes within a step.
+        """
+        raised_ns = self._touch.raised_ns(foot)
+        velocity = self._body.velocity_now()
+        if raised_ns is None or velocity is None:
+            return None
+        left_s = self._rhythm.swing_end_s(raised_ns, t_ns)
+        return Arrival(BEHIND_M + float(velocity @ line.forward) * left_s, _SPEED_SD_MPS * left_s, self._body_height())
 
     def _ground_height(self, xy: Array) -> float:
         """Height of the mapped ground at a (2,) position, m; NaN where it is unknown."""

@@ -65,6 +65,11 @@ _RAMP_STEP, _RAMP_STEP_SD = 0.80, 0.12
 """Prior ratio of step lengths on ramps to those on level ground, and its standard deviation."""
 _CLIMB_SD = 0.06
 """Standard deviation of half the ratio's difference between uphill and downhill."""
+_SHORT_STEPS, _SHORT_SHARE, _SHORT_NOISE = 0.05, 0.4, 0.6
+"""Share of steps that are shorter than usual, in turns or pauses; their length as a share of a usual one; and standard
+deviation as a share of that."""
+_SHORT_SD = 1.0
+"""Short steps are considered where the body is so many standard deviations behind the place that a usual step needs."""
 _STANDING_SD_M, _WALKING_SD_M = 0.08, 0.25
 """Standard deviation of the first foot about the body, at the start and after a reset during the walk."""
 _ROTATION_RAD = 0.2
@@ -177,6 +182,20 @@ def extrapolate_ground(step: MeasuredStep, foot: float, p: Settings) -> list[Seg
         )
         for k, (a, b) in enumerate(pairwise(bounds))
     ]
+
+
+class Arrival(NamedTuple):
+    """Where the body is expected to be when the foot in the air lands.
+
+    Attributes:
+        s: Position of the body, m along the path.
+        sd: Standard deviation of that position, m.
+        height_m: Height of the body over the ground, m.
+    """
+
+    s: float
+    sd: float
+    height_m: float
 
 
 class PathAhead(NamedTuple):
@@ -350,17 +369,36 @@ class FootholdEstimator:
         density = stance * (np.exp(-0.5 * off**2) + _LIKELIHOOD_FLOOR)
         return np.asarray(density / density.sum())
 
-    def predict_footprints(self, stance: Array, ground: Sequence[Segment], feet: Sequence[str]) -> Chain:
+    def predict_footprints(
+        self, stance: Array, ground: Sequence[Segment], feet: Sequence[str], arrival: Arrival | None = None
+    ) -> Chain:
         """Predicts the next footprints from the density of the stance foot, mixed over the habits.
+
+        Where the body will be behind the place that a usual step needs, the step may be a short one: people shorten
+        single steps in turns, into pauses and after them. Both kinds are mixed by their likelihoods:
+        docs/locomotion_mode.md (19).
 
         Args:
             stance: (HABITS, 2, S) density by habit, by whether the foot's step crossed an edge, and by position.
             ground: Terrain segments along the path.
             feet: `l` or `r` of each coming step.
+            arrival: Where the body will be when the first of them lands; None: unknown, as while both are down.
         """
         groups = self._habits.group_by_steps(stance, ground)  # pairs: (2, S) part of the density, and its habit
-        chains = [self._roll_out(part, ground, feet, habit) for part, habit in groups]
-        return mix_chains(chains, np.array([part.sum() for part, _ in groups]))
+        shares = np.array([part.sum() for part, _ in groups])
+        if arrival is None or not feet[0]:
+            return mix_chains([self._roll_out(part, ground, feet, habit) for part, habit in groups], shares)
+        before, _ = moments(position(stance), self.s)
+        landing = self._landing_likelihoods(before, arrival, ground)._replace(step=0)
+        usual = [self._roll_out(part, ground, feet, habit, landing) for part, habit in groups]
+        behind = before + 0.5 * self._length.mean() + _LEAN_RAD * arrival.height_m - arrival.s  # of a usual step, m
+        if behind < _SHORT_SD * math.hypot(arrival.sd, _BODY_SD_M):
+            return mix_chains(usual, shares)
+        short = [self._roll_out(part, ground, feet, habit, landing, is_short=True) for part, habit in groups]
+        evidence = np.array([chain.evidence for chain in (*usual, *short)])
+        kinds = np.repeat([1.0 - _SHORT_STEPS, _SHORT_STEPS], len(groups))
+        weights = kinds * np.maximum(evidence, 1e-300)
+        return mix_chains([*usual, *short], weights)
 
     def _roll_out(
         self,
@@ -369,6 +407,8 @@ class FootholdEstimator:
         feet: Sequence[str],
         habit: Habit,
         landing: Likelihoods | None = None,
+        *,
+        is_short: bool = False,
     ) -> Chain:
         """Chain of the coming steps for the part of the stance density that belongs to one habit.
 
@@ -377,14 +417,40 @@ class FootholdEstimator:
             ground: Terrain segments along the path.
             feet: `l` or `r` of each coming step.
             habit: The habit.
-            landing: Likelihoods of the last step's position, if that one has just ended; None: unknown.
+            landing: Likelihoods of the position of one of the steps; None: unknown.
+            is_short: Whether the first step is shorter than usual, by any part.
         """
         lengths = [self._length.mean(SIDE[foot]) for foot in feet]
+        first_noise = None
+        if is_short:
+            lengths[0], first_noise = _SHORT_SHARE * lengths[0], _SHORT_NOISE
         # standard deviation common to all steps, m: of the estimated length, and of its change up to the next edge
         shared = math.hypot(self._length.sd(), _ADAPT_SD * self._length.mean())
         # by mode RA and RD: step length over that on level ground, and its standard deviation
         ratios = {mode: (self._ramps.mean(kind), self._ramps.sd(kind)) for mode, kind in CLIMB.items()}
-        return roll_out(stance, self.s, ground, lengths, shared, ratios, self._p, habit, landing)
+        return roll_out(stance, self.s, ground, lengths, shared, ratios, self._p, habit, landing, first_noise)
+
+    def _landing_likelihoods(
+        self, before: float, body: Arrival, ground: Sequence[Segment], between: float = 0.0
+    ) -> Likelihoods:
+        """Likelihoods of a landing position given the body's position: docs/locomotion_mode.md (12).
+
+        Args:
+            before: Position of the foot behind, m along the path.
+            body: Where the body is when the foot lands.
+            ground: Terrain segments along the path.
+            between: Length of the steps that were not detected since the foot behind landed, m.
+        """
+        ahead = self.s - body.s  # position relative to the body
+        went = self.s - before - between  # (S,) length of the last step for each landing position, m
+        # (S,) deviation of the foot from where the body implies it, after a step on even ground and over an edge, m
+        off_even = ahead + self._body_lead(ground, body.height_m) - 0.5 * went
+        off_over = ahead - _EDGE_AHEAD_M - _EDGE_AHEAD_SHARE * (went - self._p.mode.usual_tread_m)
+        return Likelihoods(
+            even=_normal_density(off_even, math.hypot(_BODY_SD_M, body.sd)),
+            over=_normal_density(off_over, math.hypot(_EDGE_AHEAD_SD_M, body.sd)),
+            beside=_normal_density(ahead + _JOINED_AHEAD_M, math.hypot(_JOINED_AHEAD_SD_M, body.sd)),
+        )
 
     def land(
         self,
@@ -421,16 +487,7 @@ class FootholdEstimator:
         before, _ = moments(behind, self.s)  # its mean position, m along the path
         # length of the steps that were not detected, m
         between = sum(self._length.mean(SIDE[foot]) for foot in landing.feet[:-1])
-        ahead = self.s - BEHIND_M  # position relative to the body
-        went = self.s - before - between  # (S,) length of the last step for each landing position, m
-        # (S,) deviation of the foot from where the body implies it, after a step on even ground and over an edge, m
-        off_even = ahead + self._body_lead(ground, body) - 0.5 * went
-        off_over = ahead - _EDGE_AHEAD_M - _EDGE_AHEAD_SHARE * (went - self._p.mode.usual_tread_m)
-        likelihoods = Likelihoods(
-            even=_normal_density(off_even, _BODY_SD_M),
-            over=_normal_density(off_over, _EDGE_AHEAD_SD_M),
-            beside=_normal_density(ahead + _JOINED_AHEAD_M, _JOINED_AHEAD_SD_M),
-        )
+        likelihoods = self._landing_likelihoods(before, Arrival(BEHIND_M, 0.0, body), ground, between)
         chains = [
             self._roll_out(part, ground, landing.feet, habit, likelihoods)
             for part, habit in self._habits.each(self._habits.after_habit_change(stance))

@@ -39,6 +39,8 @@ _MISSED_STEPS = 1.4
 """Step times after which a second touch-down of one foot implies a missed step of the other."""
 _OVER_FOOT_SHARE = 0.6
 """Share of a step time after which the body has passed over the foot."""
+_SWING_SHARE = 0.7
+"""Share of a step time for which a foot is in the air: 0.4 s of 0.58 s."""
 _PAUSE_STEPS = 3.0
 """Usual step times after which a touch-down does not update the rhythm."""
 
@@ -152,6 +154,11 @@ class TouchDowns:
         """Begins with both feet down, of which no sample is known."""
         self._p = settings.mode
         self._feet = {foot: _Foot() for foot in FOOT_OF_TOPIC.values()}
+
+    def raised_ns(self, foot: str) -> int | None:
+        """Time at which a foot, `l` or `r`, left the ground; None while it is down, or unknown."""
+        state = self._feet.get(foot)
+        return None if state is None or state.down else state.raised_ns
 
     def update(self, sample: Insole) -> str | None:
         """The foot, `l` or `r`, that touches down with this sample, else None.
@@ -277,6 +284,12 @@ class StepRhythm:
         """`l` or `r` of each coming step; "" while the next foot is unknown."""
         # the other foot first, then alternately
         return tuple(_OTHER[self.foot] if k % 2 == 0 else self.foot for k in range(self._p.steps))
+
+    def swing_end_s(self, raised_ns: int, t_ns: int) -> float:
+        """Time until a foot in the air lands, s: after a step time, or after a usual swing if it was raised late."""
+        step_end_ns = self.down_ns + 1e9 * self._time.mean() if self.down_ns >= 0 else t_ns
+        swing_end_ns = raised_ns + 1e9 * _SWING_SHARE * self._time.mean()
+        return max((max(step_end_ns, swing_end_ns) - t_ns) * 1e-9, SOON_S)
 
     def times(self, feet: Sequence[str], t_ns: int) -> list[tuple[int, float]]:
         """Landing time of each coming step, ns, and its standard deviation, s.

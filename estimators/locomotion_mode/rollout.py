@@ -78,17 +78,19 @@ def mix_chains(chains: Sequence[Chain], shares: Array) -> Chain:
 
 
 class Likelihoods(NamedTuple):
-    """(S,) likelihood of each position of the last step given the body's position, by the kind of the step.
+    """(S,) likelihood of each position of a step given the body's position, by the kind of the step.
 
     Attributes:
         even: After a step on even ground.
         over: After a step over an edge.
         beside: After a step that joins the other foot.
+        step: Index of the step: that of the last one, which has just ended, or 0 for the one whose foot is in the air.
     """
 
     even: Array
     over: Array
     beside: Array
+    step: int = -1
 
 
 def roll_out(
@@ -101,11 +103,12 @@ def roll_out(
     settings: Settings,
     habit: Habit | None = None,
     landing: Likelihoods | None = None,
+    first_noise: float | None = None,
 ) -> Chain:
     """Predicts the densities of the next footprints by the chain of docs/locomotion_mode.md (5).
 
-    With the likelihoods of a landing, the last of the steps is one that has just ended: then the chain's `last` is the
-    density of the foot that has landed.
+    With the likelihoods of a landing, one of the steps is known better: the last one where it has just ended, and then
+    the chain's `last` is the density of the foot that has landed; or the first one, whose foot is in the air.
 
     Args:
         stance: (2, S) density of the stance foot over the cells, by whether its step crossed an edge (no, yes).
@@ -116,7 +119,8 @@ def roll_out(
         ratios: Step length relative to level ground and its standard deviation, by mode of the ground (RA, RD).
         settings: Dimensions and standard deviations.
         habit: How the walker uses stairs; None: every step follows from its length.
-        landing: Likelihoods of the last step's position; None: unknown.
+        landing: Likelihoods of the position of one of the steps; None: unknown.
+        first_noise: Standard deviation of the first step as a share of its length; None: that of any other.
     """
     habit = habit or Habit()
     weight = foothold_weights(ground, s, settings) + _WEIGHT_FLOOR  # (P, S)
@@ -127,10 +131,12 @@ def roll_out(
     level, unsure = path_scale(ground, s, ratios)
     shifts = length_sd * _NODES  # (H,) common changes of all steps, m: nodes of a Gaussian quadrature
     band = round(_MAX_STEP_M / (s[1] - s[0]))  # number of cells that a step may reach
-    kinds = list(dict.fromkeys(lengths))  # steps of equal length are of one kind and share their kernels
-    kind = np.array([kinds.index(length) for length in lengths])  # (K,) index of each step's kind
-    noise = settings.mode.step_noise
-    step_kernels = [_build_kernels(s, level, unsure, length, shifts, band, noise) for length in kinds]
+    noises = [settings.mode.step_noise] * len(lengths)
+    noises[0] = noises[0] if first_noise is None else first_noise
+    # steps of equal length and noise are of one kind and share their kernels
+    kinds = list(dict.fromkeys(zip(lengths, noises)))
+    kind = np.array([kinds.index(both) for both in zip(lengths, noises)])  # (K,) index of each step's kind
+    step_kernels = [_build_kernels(s, level, unsure, length, shifts, band, noise) for length, noise in kinds]
     # (L, P, S) sums over the landing cells, by kind of step, segment and cell: of ordinary steps of any walker, of
     # those of this habit, and of joining steps; their ratios are `step_factor` and `join_factor` of `_Steps`
     usual_sums = _sum_steps(weight, *plain, step_kernels)
@@ -139,12 +145,13 @@ def roll_out(
         step_factor = usual_sums / np.maximum(_sum_steps(weight, even, over, step_kernels), _LEAST)
     beside_sums = [_sum_beside(kernels.beside, even @ weight) for kernels in step_kernels]
     join_factor = usual_sums / np.maximum(beside_sums, _LEAST)
-    if landing is not None:  # the last step has its own kind
-        step_kernels.append(_apply_likelihoods(step_kernels[kind[-1]], landing))
+    if landing is not None:  # that step has its own kind
+        known = kind[landing.step]
+        step_kernels.append(_apply_likelihoods(step_kernels[known], landing))
         join_factor, step_factor = (
-            np.append(of_kind, of_kind[kind[-1], None], axis=0) for of_kind in (join_factor, step_factor)
+            np.append(of_kind, of_kind[known, None], axis=0) for of_kind in (join_factor, step_factor)
         )
-        kind[-1] = len(kinds)
+        kind[landing.step] = len(kinds)
     near = np.array([kernels.near for kernels in step_kernels])  # (L, H, S, B)
     far = np.array([kernels.far for kernels in step_kernels])  # (L, S, B)
     beside = np.array([kernels.beside for kernels in step_kernels])  # (L, S, W)

@@ -57,6 +57,11 @@ _STEEP_RAD = 0.19
 _SAME_PITCH = (0.5, 1.7)
 """Ratio of a slope to the pitch of the flight before it, between which it is taken for more of that flight. Tuned on
 walks with a narrow, noisy camera."""
+_FALL_UNSURE, _NO_DEPTH_UNSURE = 0.4, 0.7
+"""Probability that a step is of any mode where the ground ends and images show something behind, and where they show no
+depth: what falls there may be more than a riser, and what has no depth may be black or wet."""
+_MIN_SEEN_M = 0.08
+"""Shortest stretch over which a slope is taken: a cell of the plane extraction."""
 _MAP_SD_M = 0.015
 """Standard deviation of the mapped height of one end of a plane over the other, by drift of the poses."""
 
@@ -95,6 +100,20 @@ class Segment:
         return self.end - self.start
 
 
+class Fall(NamedTuple):
+    """The end of the mapped ground ahead, beyond which an image would show more ground if it went on.
+
+    Attributes:
+        s: Where it ends, m along the path.
+        length: Length beyond it in which ground is missing, m.
+        is_deep: Whether images show something farther away there; otherwise they show no depth.
+    """
+
+    s: float
+    length: float
+    is_deep: bool
+
+
 def last_flight(estimate: TerrainEstimate, before: Stairs | None) -> Stairs | None:
     """The well-known flight with the most steps, as flights of one building are alike; `before` if there is none."""
     most = np.array([_KNOWN_RISER_SD_M, _KNOWN_TREAD_SD_M]) ** 2  # largest variances of riser and tread
@@ -105,7 +124,12 @@ def last_flight(estimate: TerrainEstimate, before: Stairs | None) -> Stairs | No
 
 
 def segments_along(
-    profile: Profile, estimate: TerrainEstimate | None, forward: Array, p: Settings, usual: Stairs | None = None
+    profile: Profile,
+    estimate: TerrainEstimate | None,
+    forward: Array,
+    p: Settings,
+    usual: Stairs | None = None,
+    fall: Fall | None = None,
 ) -> list[Segment]:
     """Cuts a profile at its changes into terrain segments; at most one segment lies behind s = 0.
 
@@ -115,6 +139,7 @@ def segments_along(
         forward: (2,) unit vector of the path.
         p: Dimensions and standard deviations.
         usual: Stairs like those here; None: none observed.
+        fall: Where the mapped ground ends though the camera has looked beyond; None: it does not.
     """
     changes = _without_tread_breaks(_without_small_objects(profile.changes, p), p)
     changes, until = _passable_changes(changes, profile, estimate, p)  # until: impassable beyond, m along the path
@@ -124,6 +149,8 @@ def segments_along(
         bounds.append(_Bound(float(seen[0]), _BEGIN_SD_M, 0.0))
     for change in changes:
         bounds += _to_bounds(change, usual, p)
+    if fall is not None and fall.is_deep and fall.s < until:
+        bounds += _assume_fall(fall, usual, p)
     first = max(k for k, bound in enumerate(bounds) if bound.s < 0.0)  # the last bound behind the start of the path
     bounds = [*bounds[first : first + _MAX_SEGMENTS], _Bound(math.inf, 0.0, 0.0)]
     bounds = _split_smeared_flights(bounds, profile, estimate, forward, until, p)
@@ -351,6 +378,15 @@ def _to_bounds(change: Change, usual: Stairs | None, p: Settings) -> list[_Bound
     ]
 
 
+def _assume_fall(fall: Fall, usual: Stairs | None, p: Settings) -> list[_Bound]:
+    """The bounds of treads that lead down where the mapped ground ends, as far as ground is missing."""
+    riser, tread = (p.mode.usual_riser_m, p.mode.usual_tread_m) if usual is None else (usual.riser, usual.tread)
+    count = max(1, round(fall.length / tread))
+    return [
+        _Bound(fall.s + k * tread, OCCLUDED_EDGE_SD_M * (1 + k), -riser, _HIDDEN_RISER_SD * riser) for k in range(count)
+    ]
+
+
 def _assume_steps(fall: float, last_stairs: Stairs | None, p: Settings) -> tuple[float, float, float, float]:
     """Riser and tread of occluded stairs, m, and the relative standard deviation of each.
 
@@ -392,7 +428,7 @@ def _read_slope(
     on = inside & (profile.plane == plane.id)
     seen = profile.s[on]
     # slope by drift of the poses, rad
-    bent = math.hypot(_MAP_SD_M, p.drift_m) / max(float(seen[-1] - seen[0]), MIN_FOOTHOLD_M)
+    bent = math.hypot(_MAP_SD_M, p.drift_m) / max(float(seen[-1] - seen[0]), _MIN_SEEN_M)
     slope, sd = math.atan(float(plane.gradient @ forward)), plane.slope_sd
     if profile.slope is not None and profile.slope_sd is not None:
         slope, sd = float(np.median(profile.slope[on])), float(np.median(profile.slope_sd[on]))
@@ -559,7 +595,9 @@ def is_under_foot(profile: Profile, here: float) -> bool:
     return bool((np.abs(profile.s[profile.plane >= 0] - here) < MIN_FOOTHOLD_M).any())
 
 
-def unseen_probability(profile: Profile, s: Array, here: float, p: Settings, *, is_lost: bool = False) -> Array:
+def unseen_probability(
+    profile: Profile, s: Array, here: float, p: Settings, *, is_lost: bool = False, fall: Fall | None = None
+) -> Array:
     """(S,) probability that the ground at a position is of another mode than assumed, because it is not observed.
 
     Changes are random, one per `change_m` on average. Between two observed positions two changes would be needed; from
@@ -572,6 +610,7 @@ def unseen_probability(profile: Profile, s: Array, here: float, p: Settings, *, 
         p: Rate of changes.
         is_lost: Whether the map began anew during the walk and does not show the ground under that foot yet: that may
             be a stair, whose treads are the shorter way to a change.
+        fall: Where the mapped ground ends though the camera has looked beyond; None: it does not.
     """
     seen = profile.s[profile.plane >= 0]
     bounds = np.concatenate([[-np.inf], seen, [np.inf]])  # m along the path, observed
@@ -581,7 +620,11 @@ def unseen_probability(profile: Profile, s: Array, here: float, p: Settings, *, 
     between = np.expm1(-back / p.mode.change_m) * np.expm1(-ahead / p.mode.change_m)
     if is_lost:
         return np.asarray(np.expm1(-back / p.map.max_tread_m) * np.expm1(-ahead / p.map.max_tread_m))
-    return np.asarray(np.minimum(between, -np.expm1(-np.abs(s - here) / p.mode.change_m)))
+    chance = np.minimum(between, -np.expm1(-np.abs(s - here) / p.mode.change_m))
+    if fall is not None:  # the middle of the sole is beyond the end
+        beyond = s + half_sole(p) > fall.s
+        chance[beyond] = np.maximum(chance[beyond], _FALL_UNSURE if fall.is_deep else _NO_DEPTH_UNSURE)
+    return np.asarray(chance)
 
 
 def mix_unseen(modes: Array, chance: Array) -> Array:

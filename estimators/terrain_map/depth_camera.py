@@ -94,6 +94,14 @@ def remove_discontinuities(depth: NDArray[np.float32], share: float, reach: int)
 _WIDTH = 640.0  # px, width of the image in which numbers of pixels are given, see `DepthCamera.pixels`
 
 
+NOT_SEEN, GROUND, BEHIND, NO_DEPTH = range(4)
+"""What an image shows where ground is expected, see `DepthCamera.look_at`."""
+_SURE_RANGE_M = 3.0
+"""Level ground nearer than this is in the depth of every camera; beyond, some show none at grazing angles."""
+_SAME_M, _SAME_SHARE = 0.03, 0.03
+"""Largest distance along the ray between expected and seen ground: a constant and a share of the depth."""
+
+
 class DepthCamera:
     """A depth stream and its pinhole model.
 
@@ -146,6 +154,29 @@ class DepthCamera:
         # the nearest pixel: a mean of two depths may lie between two surfaces
         rectified = np.asarray(cv2.remap(clean, *self._maps, cv2.INTER_NEAREST, borderValue=0.0), np.float32)
         return rectified, int(np.count_nonzero(rectified))
+
+    def look_at(self, depth: NDArray[np.float32], points: Array) -> NDArray[np.int64]:
+        """(N,) what an image shows at (N, 3) points, m, in the optical frame, where ground is expected.
+
+        `NOT_SEEN`: out of view, farther than `_SURE_RANGE_M`, or behind something. `GROUND`: a surface is there.
+        `BEHIND`: the surface in this direction is farther away. `NO_DEPTH`: there is none.
+
+        Args:
+            depth: (H, W) m, rectified; 0 is invalid.
+            points: The points.
+        """
+        result = np.full(len(points), NOT_SEEN)
+        z = points[:, 2]
+        in_front = np.flatnonzero((z > 0.3) & (z < _SURE_RANGE_M))
+        fu, fv, pu, pv = self.intrinsics
+        u = np.rint(points[in_front, 0] / z[in_front] * fu + pu).astype(np.int64)
+        v = np.rint(points[in_front, 1] / z[in_front] * fv + pv).astype(np.int64)
+        inside = (u >= 0) & (u < self.shape[1]) & (v >= 0) & (v < self.shape[0])
+        seen, expected = depth[v[inside], u[inside]], z[in_front][inside]
+        slack = _SAME_M + _SAME_SHARE * expected
+        here = np.where(seen > expected + slack, BEHIND, np.where(seen < expected - slack, NOT_SEEN, GROUND))
+        result[in_front[inside]] = np.where(seen <= 0.0, NO_DEPTH, here)
+        return result
 
 
 def depth_calibration(rig: Rig, topic: str | None = None) -> CameraCalibration:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from stridetwin.estimators.backends import BACKENDS, NUMBA, OPEN3D
 from stridetwin.estimators.base import CAMERA_POSES, POSE_STREAM, TERRAIN, Declaration, Options, Stream
 from stridetwin.estimators.terrain_map.depth_camera import (
+    NOT_SEEN,
     DepthCamera,
     Poses,
     camera_in_frame,
@@ -94,6 +95,7 @@ class TerrainMap:
         # times of the last image used, and of the last one after which planes were extracted
         self._last_ns = self._extracted_ns = _NEVER_NS
         self._estimate: TerrainEstimate | None = None
+        self._last_view: tuple[NDArray[np.float32], Array] | None = None  # the last image, (4, 4) pose of its camera
 
     @classmethod
     def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
@@ -129,6 +131,7 @@ class TerrainMap:
         T_world_camera = T_world_frame @ self._T_frame_camera
         T_grid_camera = T_world_camera.copy()
         T_grid_camera[:3] = self._R_world_grid.T @ T_world_camera[:3]  # grid and world have the same origin
+        self._last_view = depth, T_world_camera
         self._volume.integrate(sample.t_ns, depth, T_grid_camera)
         self._planes.surface.move(self._volume.origin)  # the columns follow the volume's window
         if not self.due(sample.t_ns):
@@ -180,6 +183,17 @@ class TerrainMap:
         plane = self._estimate.planes[int(self._planes.ids[majority])]
         return plane, self._estimate.terrain_of(plane.id)
 
+    def look_for_ground(self, points: Array) -> NDArray[np.int64]:
+        """(N,) what the last depth image shows where ground is expected, at (N, 3) points in the world, m.
+
+        Each is one of `NOT_SEEN` (out of view, too far, or behind something), `GROUND` (there is a surface), `BEHIND`
+        (the image shows only something behind it, so nothing is there) and `NO_DEPTH`.
+        """
+        if self._last_view is None or not len(points):
+            return np.full(len(points), NOT_SEEN)
+        depth, T_world_camera = self._last_view
+        return self._camera.look_at(depth, (points - T_world_camera[:3, 3]) @ T_world_camera[:3, :3])
+
     def mesh(self) -> tuple[Array, NDArray[np.int64]] | None:
         """(V, 3) m, world, and (F, 3): vertices and triangles of all surfaces; None unless the backend makes them."""
         grid_mesh = self._volume.mesh()
@@ -216,7 +230,7 @@ class TerrainMap:
         """Removes all ground; ids continue."""
         self._volume.clear()
         self._planes.clear()
-        self._estimate = None
+        self._estimate = self._last_view = None
         self._extracted_ns = _NEVER_NS
 
 

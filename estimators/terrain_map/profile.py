@@ -18,7 +18,7 @@ from stridetwin.estimators.terrain_map.order_statistics import median, sort
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.plane_fit import BORDER_M, height_toward
 from stridetwin.estimators.terrain_map.plane_set import COLUMNS, PlaneSet, Surface
-from stridetwin.estimators.terrain_map.terrains import KERB_M, is_flat
+from stridetwin.estimators.terrain_map.terrains import KERB_M, STRIP_M, is_flat
 from stridetwin.streams.compiled import entry_kernel
 from stridetwin.streams.samples import Array
 
@@ -202,6 +202,19 @@ def _find_straight_runs(
     return runs
 
 
+def _flatten_strip(plane: Plane, forward: Array) -> Plane:
+    """The plane, level along a line if it is shorter than any tread in that direction, (2,) `forward`.
+
+    The slope of such a strip is that of a few voxels at an edge, and the next plane may be several treads away.
+    """
+    # a uniform distribution of length l has the variance l² / 12
+    if 12.0 * float(forward @ plane.spread @ forward) >= STRIP_M**2:
+        return plane
+    gradient = plane.gradient - float(plane.gradient @ forward) * forward
+    normal = np.array([-gradient[0], -gradient[1], 1.0])
+    return replace(plane, normal=normal / np.linalg.norm(normal))
+
+
 def _tilt_along(plane: Plane, stretch: Stretch, origin: Array, forward: Array) -> Plane:
     """The plane with the height and slope of a stretch along the line, and its own slope across the line.
 
@@ -239,6 +252,11 @@ def _find_changes(
             changes.append(Change(kind="slope_break", s=stretch.break_s, sd=sd, drop=0.0, bend=bend))
             continue
         end, start = float(s[before.last]), float(s[after.first])
+        # a strip gives its own height, whatever slope its few voxels have
+        if before.stretch is None:
+            one = _flatten_strip(one, forward)
+        if after.stretch is None:
+            other = _flatten_strip(other, forward)
         change = _edge_or_slope_break(end, start, one, other, estimate, origin, forward, p)
         if change is not None:
             changes.append(change)

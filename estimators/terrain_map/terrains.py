@@ -21,6 +21,8 @@ KERB_M = 0.04
 """Height of a kerb: a plane with less rise from side to side is not a ramp, and a lower step is not an edge."""
 _BENT_RAD = math.radians(10.0)
 """Largest apparent slope of a flat plane that pose errors have bent."""
+STRIP_M, _STRIP_RAD = 0.15, math.radians(20.0)
+"""A plane that is shorter in the direction of its slope is less than a tread, and may be level up to this slope."""
 _SIGNIFICANT_SD = 2.0
 """A slope within this many standard deviations of flat may be flat."""
 _MIN_RAMP_AREA_M2 = 0.15
@@ -65,11 +67,15 @@ def _may_slope_less(plane: Plane, slope_rad: float) -> bool:
     """Whether a plane may slope by less than `slope_rad`, within its uncertainty or as a flat one bent by pose errors.
 
     A tread's two sides are observed at different times. A pose correction in between gives it an apparent slope, which
-    does not make it a ramp.
+    does not make it a ramp. Nor does the slope of a strip that is shorter than any tread: of treads seen along the
+    slope of a flight, only the outer ends are mapped, and the rounding of the edge by the voxels is most of them.
     """
     if plane.slope < slope_rad + min(_SIGNIFICANT_SD * plane.slope_sd, _BENT_RAD):
         return True
-    return plane.slope < _BENT_RAD and plane.rise < KERB_M
+    if plane.rise >= KERB_M:
+        return False
+    is_strip = plane.rise < STRIP_M * math.tan(plane.slope)
+    return plane.slope < (_STRIP_RAD if is_strip else _BENT_RAD)
 
 
 class Terrains:

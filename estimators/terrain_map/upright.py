@@ -8,6 +8,7 @@ Planes through level surfaces and walls then give it more exactly, with its unce
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from itertools import combinations
 from typing import NamedTuple
 
 import cv2
@@ -26,6 +27,7 @@ _MIN_UP_COSINE = np.cos(np.radians(80.0))
 """A camera that looks down or up keeps its upper side above the horizon; a wall in front of it lies beyond."""
 _WALL_WEIGHT = 0.5  # of a normal across a candidate for the vertical, over that of one along it
 _JUMP_SHARE = 0.1  # neighbouring depths that differ by more are of different surfaces
+_KNOWN_SHARE, _SPREAD_SHARE = 0.5, 0.05  # of a square's pixels with depth; standard deviation of them over the mean
 _CANDIDATES, _ROUNDS = 400, 5  # numbers of normals tried as the vertical, and of means of those near the best one
 _SUPPORT_MIN = 0.1  # smallest share of all normals along the vertical
 
@@ -91,6 +93,9 @@ _AGREE_RAD, _AGREE_SD = np.radians(1.5), 3.0
 """Surfaces agree on the vertical within this angle and so many standard deviations."""
 _APART_M = 0.05
 """Level surfaces whose heights differ by so much are two witnesses: a ramp is one."""
+_GIVEN_SHARE, _UPRIGHT = 0.4, np.cos(_AGREE_RAD)
+"""Where the z axis has this share of the support of a vertical that is farther than that from it, level ground may as
+well agree with the z axis."""
 _UPDATES = 8
 """Rounds of choosing the surfaces that agree, from each of them."""
 
@@ -102,13 +107,15 @@ class Surface(NamedTuple):
         normal: (3,) unit vector, upwards for a level surface.
         sd_rad: Standard deviation of its tilt.
         is_wall: Whether it is a wall.
-        offset_m: Distance of the plane from the origin along the normal.
+        centre: (3,) m, world, of its points.
+        image: Number of the image that shows it.
     """
 
     normal: Array
     sd_rad: float
     is_wall: bool
-    offset_m: float
+    centre: Array
+    image: int
 
 
 class Vertical(NamedTuple):
@@ -117,7 +124,8 @@ class Vertical(NamedTuple):
     Attributes:
         up: (3,) unit vector.
         sd_rad: Standard deviation of its tilt.
-        is_confirmed: Whether surfaces at two heights, or level ones and walls, agree on it: a ramp alone does not.
+        is_confirmed: Whether surfaces at two heights, or level ones and walls, agree on it: a ramp alone does not. And
+            hardly any agree with the z axis instead.
     """
 
     up: Array
@@ -125,7 +133,9 @@ class Vertical(NamedTuple):
     is_confirmed: bool
 
 
-def find_surfaces(depth: NDArray[np.float32], intrinsics: Array, T_world_camera: Array, up: Array) -> list[Surface]:
+def find_surfaces(
+    depth: NDArray[np.float32], intrinsics: Array, T_world_camera: Array, up: Array, image: int = 0
+) -> list[Surface]:
     """Level surfaces and walls of one image: connected cells with such normals that lie on a plane.
 
     Args:
@@ -133,6 +143,7 @@ def find_surfaces(depth: NDArray[np.float32], intrinsics: Array, T_world_camera:
         intrinsics: (4,) fu, fv, pu, pv.
         T_world_camera: (4, 4) pose of the optical frame, m.
         up: (3,) coarse vertical in the world.
+        image: Number of the image.
     """
     step = max(1, max(depth.shape) // _FINE_CELLS)
     points, normal, is_surface = _cells(depth, intrinsics, step)
@@ -154,7 +165,7 @@ def find_surfaces(depth: NDArray[np.float32], intrinsics: Array, T_world_camera:
         for label in range(1, count):
             inside = labels == label
             if np.count_nonzero(inside) >= _MIN_SURFACE_CELLS:
-                surface = _fit_surface(points[inside], T_world_camera[:3, 3], up, is_wall)
+                surface = _fit_surface(points[inside], T_world_camera[:3, 3], up, is_wall, image)
                 if surface is not None:
                     surfaces.append(surface)
     return surfaces
@@ -168,8 +179,8 @@ def _cells(depth: NDArray[np.float32], intrinsics: Array, step: int) -> tuple[Ar
         intrinsics: (4,) fu, fv, pu, pv.
         step: Pixels between two cells.
     """
-    z = depth[::step, ::step].astype(float)
-    v, u = np.mgrid[: z.shape[0], : z.shape[1]] * step
+    z = _mean_depths(depth, step)
+    v, u = np.mgrid[: z.shape[0], : z.shape[1]] * step + 0.5 * (step - 1)
     fu, fv, pu, pv = intrinsics
     points = np.stack([(u - pu) / fu * z, (v - pv) / fv * z, z], axis=-1)
     r = _REACH
@@ -185,7 +196,23 @@ def _cells(depth: NDArray[np.float32], intrinsics: Array, step: int) -> tuple[Ar
     return here, normal, is_surface
 
 
-def _fit_surface(points: Array, p_camera: Array, up: Array, is_wall: bool) -> Surface | None:
+def _mean_depths(depth: NDArray[np.float32], step: int) -> Array:
+    """(n, m) m, mean depth of each square of `step` by `step` pixels of an image; 0 where few pixels are known.
+
+    The mean of many pixels is less noisy than one. Squares that contain two surfaces are left out.
+    """
+    rows, columns = depth.shape[0] // step, depth.shape[1] // step
+    squares = depth[: rows * step, : columns * step].astype(float).reshape(rows, step, columns, step)
+    known = squares > 0.0
+    count = known.sum(axis=(1, 3))
+    total = np.maximum(count, 1)
+    mean = squares.sum(axis=(1, 3)) / total
+    variance = np.maximum((squares**2).sum(axis=(1, 3)) / total - mean**2, 0.0)
+    is_one_surface = (count >= _KNOWN_SHARE * step**2) & (variance < (_SPREAD_SHARE * mean) ** 2)
+    return np.where(is_one_surface, mean, 0.0)
+
+
+def _fit_surface(points: Array, p_camera: Array, up: Array, is_wall: bool, image: int) -> Surface | None:
     """The plane through the points of a surface; None if they are not on one plane.
 
     Args:
@@ -193,6 +220,7 @@ def _fit_surface(points: Array, p_camera: Array, up: Array, is_wall: bool) -> Su
         p_camera: (3,) m, world.
         up: (3,) coarse vertical, to which the normal of a level surface points.
         is_wall: Whether it is a wall.
+        image: Number of the image.
     """
     for _ in range(2):  # the second time without the points that lie off the first plane
         centre = points.mean(axis=0)
@@ -209,7 +237,7 @@ def _fit_surface(points: Array, p_camera: Array, up: Array, is_wall: bool) -> Su
     # error of the tilt about the longer side, from the extent along the shorter one
     extent = float(scale[1]) / np.sqrt(len(off))
     sd = rms / np.sqrt(max(len(off) / _CELLS_PER_ERROR, 1.0)) / max(extent, 1e-3)
-    return Surface(np.asarray(normal), float(np.hypot(sd, _SURFACE_SD_RAD)), is_wall, float(normal @ centre))
+    return Surface(np.asarray(normal), float(np.hypot(sd, _SURFACE_SD_RAD)), is_wall, centre, image)
 
 
 def refine_vertical(surfaces: Sequence[Surface], up: Array) -> Vertical | None:
@@ -249,7 +277,23 @@ def refine_vertical(surfaces: Sequence[Surface], up: Array) -> Vertical | None:
     if best is None:
         return None
     level = agreeing & ~is_wall
-    heights = np.array([surface.offset_m for surface in surfaces])[level]
     has_walls = bool((agreeing & is_wall).any())
-    is_confirmed = has_walls or float(np.ptp(heights)) > _APART_M
+    # level surfaces that are nearer to the z axis as it is than to the best vertical
+    given = ~is_wall & (normals_of[:, 2] > normals_of @ best)
+    is_given = float(weight[given].sum()) > _GIVEN_SHARE * float(weight[level].sum()) and best[2] < _UPRIGHT
+    agreeing_levels = [surface for surface, agrees in zip(surfaces, level) if agrees]
+    is_confirmed = not is_given and (has_walls or _are_at_two_heights(agreeing_levels, best))
     return Vertical(np.asarray(best), float(1.0 / np.sqrt(weight[level].sum())), is_confirmed)
+
+
+def _are_at_two_heights(levels: Sequence[Surface], up: Array) -> bool:
+    """Whether one image shows two level surfaces at different heights along `up`, (3,).
+
+    Those of several images may be one ramp. The tilt of each is uncertain, so far ones must differ by more.
+    """
+    for one, other in combinations(levels, 2):
+        apart = one.centre - other.centre
+        tilt_rad = float(np.hypot(one.sd_rad, other.sd_rad))
+        if one.image == other.image and abs(apart @ up) > _APART_M + tilt_rad * float(np.linalg.norm(apart)):
+            return True
+    return False

@@ -24,6 +24,16 @@ _FEET_SHARE = 0.1
 """Smallest share of that ground that a plane under the feet covers."""
 _MIN_EYE_M = 0.8
 """A plane under the feet is at least so far below the camera: chest of a short person over the next tread."""
+_STOOD_SHARE, _RECENT_IMAGES = 0.5, 15
+"""Share of the ground under the walker from which a plane is what the walker stands on, and images, about a second, for
+which the height of the camera over it is remembered."""
+_FOLLOWED, _MAX_EVIDENCE = 0.35, 12.0
+"""Share of the height between two planes by which the camera rises at least with a walker who steps up, and images, by
+the plane's share, over which it is a mean."""
+_LOW_M = 0.04
+"""A plane that is less higher than another one is as high."""
+_MIN_STOOD_EYE_M = 0.95
+"""A plane that the walker stands on is at least so far below the camera: chest of a short person."""
 _START_M = 0.3
 """Way of the camera from which on the walker has moved: half a step."""
 _START_REACH_M = 2.0
@@ -38,6 +48,8 @@ _BROAD_M = 0.8
 """Shortest of two edges that are stairs though no landing is seen beyond them: furniture is narrower."""
 _LANDING_M = 0.8
 """Shorter side of the smallest landing, after building codes; that of two crates side by side is 0.6 m."""
+_MAX_TURN_COSINE = math.cos(math.radians(50.0))
+"""Largest turn from a riser to the next one of stairs, which may wind."""
 _FLIGHT_RISERS = 3
 """So many rises are stairs wherever they lead, and fewer lead to a landing or are broad."""
 _LIKE_RATIO = 1.35
@@ -70,7 +82,12 @@ class WalkedPlanes:
         offsets = np.stack(np.meshgrid(*[np.arange(-reach, reach + 1)] * 2), axis=-1).reshape(-1, 2)
         # (N, 2) columns of the ground under the feet, relative to that under the camera
         self._under = offsets[(offsets**2).sum(axis=1) <= reach**2]
-        self._ids: set[int] = set()
+        self._stood_ids: set[int] = set()  # planes that have been most of the ground under the walker
+        self._image = 0  # number of the image
+        # by id of a plane that has just been most of that ground: last such image, height of the camera over it, m
+        self._stood: dict[int, tuple[int, float]] = {}
+        # by id of a plane: images that tell whether the camera rose with it, and the mean share by which it did
+        self._followed: dict[int, tuple[float, float]] = {}
         self._start: Array | None = None  # (2,) m, under the camera of the first image
         self.has_moved = False
 
@@ -85,7 +102,14 @@ class WalkedPlanes:
         Returns:
             Ids of planes; before any has been walked on, that of the lowest plane near the camera, or none.
         """
-        self._ids = {id_ for id_ in self._ids if id_ in planes}
+        self._image += 1
+        self._stood_ids &= planes.keys()
+        self._followed = {id_: known for id_, known in self._followed.items() if id_ in planes}
+        self._stood = {
+            id_: known
+            for id_, known in self._stood.items()
+            if id_ in planes and self._image - known[0] <= _RECENT_IMAGES
+        }
         if self._start is None:
             self._start = p_camera_in_world[:2].copy()
         self.has_moved |= math.dist(self._start, p_camera_in_world[:2]) > _START_M
@@ -95,9 +119,44 @@ class WalkedPlanes:
         counts = np.bincount(slots[slots >= 0], minlength=SLOTS)
         for slot in np.flatnonzero(counts >= _FEET_SHARE * len(self._under)).tolist():
             plane = planes[int(plane_set.ids[slot])]
-            if float(p_camera_in_world[2] - plane.height(p_camera_in_world[:2])) > _MIN_EYE_M:
-                self._ids.add(plane.id)
-        return self._ids or _lowest_nearby(planes.values(), p_camera_in_world)
+            eye_m = float(p_camera_in_world[2] - plane.height(p_camera_in_world[:2]))
+            if eye_m > _MIN_EYE_M:
+                self._follow_camera(plane, eye_m, float(counts[slot]) / len(self._under), planes)
+        walked = {
+            id_
+            for id_ in self._stood_ids | self._followed.keys()
+            if self._followed.get(id_, (0.0, 1.0))[1] >= _FOLLOWED  # else the camera was only held over it
+        }
+        return walked or _lowest_nearby(planes.values(), p_camera_in_world)
+
+    def _follow_camera(self, plane: Plane, eye_m: float, share: float, planes: dict[int, Plane]) -> None:
+        """Compares the height of the camera over a plane with that over others on which the walker has just stood.
+
+        Who steps up onto a plane takes the camera along. Over a box or an open drawer, a camera in the hand stays as
+        high as over the floor. The upper one of two planes is the doubtful one.
+
+        Args:
+            plane: A plane under the walker.
+            eye_m: Height of the camera over it, m.
+            share: Share of the ground under the walker.
+            planes: Planes by id.
+        """
+        stands = share >= _STOOD_SHARE and eye_m > _MIN_STOOD_EYE_M
+        for other, (_, other_eye_m) in self._stood.items():
+            up = float(plane.centre[2] - planes[other].centre[2])
+            if up > _LOW_M:
+                self._count(plane.id, share, 1.0 - (other_eye_m - eye_m) / up)
+            elif up < -_LOW_M and stands:
+                self._count(other, share, 1.0 - (other_eye_m - eye_m) / up)
+        if stands:
+            self._stood[plane.id] = self._image, eye_m
+            self._stood_ids.add(plane.id)
+
+    def _count(self, id_: int, share: float, followed: float) -> None:
+        """Counts an image that tells by which share of the height of a plane the camera rose."""
+        images, mean = self._followed.get(id_, (0.0, 0.0))
+        gain = share / (min(images, _MAX_EVIDENCE) + share)
+        self._followed[id_] = images + share, mean + gain * (min(max(followed, -1.0), 2.0) - mean)
 
 
 def _lowest_nearby(planes: Iterable[Plane], p_camera_in_world: Array) -> set[int]:
@@ -136,7 +195,7 @@ def select_walkable(
         above.setdefault(row[0].lower, []).append(row)
     # `id()` of the rows that are as wide as a person; of these, the rows that one can go up from the ground
     wide = {id(row) for row in rows if _count_edges(row, _MIN_WIDTH_M) >= min(_WIDE_EDGES, len(row))}
-    climbable = {id(row) for row in rows if id(row) in wide and (_is_broad(row) or _leads_far(row, above, planes))}
+    climbable = {id(row) for row in rows if id(row) in wide and (_is_broad(row) or _leads_far(row, above, planes, p))}
     ends = {id_ for row in rows if id(row) in wide for id_ in (row[0].lower, row[-1].upper)}
     reached, treads, selected = set(walked), set[int](), set[int]()
     waiting, ground = list(rows), set(walked)  # `ground`: planes reached last, from which other ground may go on
@@ -187,19 +246,33 @@ def _are_like(row: Row) -> bool:
     return max(heights) <= _LIKE_RATIO * min(heights)
 
 
-def _leads_far(row: Row, above: dict[int, list[Row]], planes: dict[int, Plane], rises: int = 0) -> bool:
+def _leads_far(row: Row, above: dict[int, list[Row]], planes: dict[int, Plane], p: TerrainMapParameters) -> bool:
     """Whether a row leads up to a landing, or by as many rises as a flight has, alone or with the rows that follow it.
+
+    Rows follow one another as winding stairs do: like rises, a tread apart, each turned a little against the last one.
+    Open drawers, a counter and what stands on it do not.
 
     Args:
         row: Risers from the lowest.
         above: By id of a plane: the rows that lead up from it.
         planes: Planes by id.
-        rises: Number of rises below this row.
+        p: Least tread.
     """
-    rises, top = rises + len(row), row[-1]
-    if rises >= _FLIGHT_RISERS or _is_landing(planes[top.upper]):
+    if len(row) >= _FLIGHT_RISERS or _is_landing(planes[row[-1].upper]):
         return True
-    return any(_leads_far(upper_row, above, planes, rises) for upper_row in above.get(top.upper, []))
+    return any(
+        _leads_far((*row, *upper_row), above, planes, p)
+        for upper_row in above.get(row[-1].upper, [])
+        if _follows(row, upper_row, p)
+    )
+
+
+def _follows(row: Row, upper_row: Row, p: TerrainMapParameters) -> bool:
+    """Whether a row of risers leads on from another one as the steps of a winding stair do."""
+    one, other = row[-1], upper_row[0]
+    tread = float(np.subtract(one.middle, other.middle) @ one.down)
+    is_ahead = float(one.down @ other.down) > _MAX_TURN_COSINE and p.min_tread_m <= tread <= p.max_tread_m
+    return is_ahead and _are_like((*row, *upper_row))
 
 
 def _is_landing(plane: Plane) -> bool:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.real_walks import data_folder
 from stridetwin.cli.main import main
-from stridetwin.estimators.terrain_map.upright import find_surfaces, normals, refine_vertical, upward
+from stridetwin.estimators.terrain_map.upright import Surface, find_surfaces, normals, refine_vertical, upward
 
 FOLDER = data_folder("stairs_depth")
 INTRINSICS = np.array([200.0, 200.0, 159.5, 119.5])
@@ -87,6 +87,45 @@ def test_a_ramp_alone_confirms_no_vertical():
     assert vertical is not None
     assert not vertical.is_confirmed
     assert refine_vertical([], np.array([0.0, 0.0, 1.0])) is None
+
+
+def surface(tilt_rad: float, height_m: float, image: int) -> Surface:
+    """A level surface that is tilted forward, with the least standard deviation that a fit has."""
+    normal = np.array([-np.sin(tilt_rad), 0.0, np.cos(tilt_rad)])
+    return Surface(normal, np.radians(0.5), False, np.array([0.0, 0.0, height_m]), image)
+
+
+def test_two_heights_confirm_a_vertical_only_in_one_image():
+    """Parts of a ramp at two heights, each in an image of its own, are no proof that the poses are tilted."""
+    z = np.array([0.0, 0.0, 1.0])
+    for images, expected in (((0, 1), False), ((0, 0), True)):
+        surfaces = [surface(0.06, height, image) for height, image in zip((0.0, 0.2), images)]
+        vertical = refine_vertical(surfaces, z)
+        assert vertical is not None
+        assert vertical.is_confirmed is expected
+
+
+def test_level_ground_that_agrees_with_the_given_vertical_keeps_it():
+    """On a walk over long ramps most surfaces slope alike, but the landings between them are level."""
+    z = np.array([0.0, 0.0, 1.0])
+    ramps = [surface(0.07, 0.1 * (k % 2), k // 2) for k in range(20)]
+    vertical = refine_vertical(ramps, z)
+    assert vertical is not None
+    assert vertical.is_confirmed
+    vertical = refine_vertical([*ramps, *(surface(0.0, 0.0, k) for k in range(10))], z)
+    assert vertical is not None
+    assert not vertical.is_confirmed
+
+
+def test_the_vertical_is_found_in_the_noise_of_a_cheap_camera():
+    """Noise of 2 % at each pixel turns normals between single pixels by 15 degrees; means of squares show the floor."""
+    rng = np.random.default_rng(3)
+    R = Rotation.from_euler("ZYX", [0.0, 40.0, 0.0], degrees=True).as_matrix()
+    R = R @ np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+    depth = room(R, 1.4) * rng.normal(1.0, 0.02, (240, 320)).astype(np.float32)
+    up = upward([(normals(depth, INTRINSICS), R)])
+    assert up is not None
+    assert np.degrees(np.arccos(min(1.0, float(up[2])))) < 2.0
 
 
 @pytest.mark.skipif(FOLDER is None, reason="no recordings: set STRIDETWIN_DATA to their folder")

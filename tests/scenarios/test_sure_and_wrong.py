@@ -10,7 +10,9 @@ import pytest
 from benchmarks import sure_and_wrong
 from stridetwin.outputs.modes.scores import ScoredMode
 from stridetwin.sim.config import Level, Stairs, Turn
+from stridetwin.sim.faults.faults import FaultPlan
 from stridetwin.sim.parts.sensor_config import SensorConfig
+from stridetwin.sim.twin import Twin
 from stridetwin.sim.world.route import lay_out
 from stridetwin.streams.samples import Depth, Image, Insole
 
@@ -36,22 +38,26 @@ def test_families_have_what_they_are_named_after():
     np.testing.assert_allclose(np.degrees(2.0 * half_rad), [55.0, 43.0], atol=0.5)
 
 
-def test_in_the_dark_images_are_black_and_depth_stays_unless_the_walk_is_blind():
+def test_in_the_dark_images_are_dark_and_depth_stays_unless_the_walk_is_blind():
     walk = replace(sure_and_wrong.draw_search_walk("dark", 0), dark_s=(1.0, 2.0))
+    mount = walk.config.rig_mount
     made = [
         sample
-        for t_ns in (0, 10**9, 2 * 10**9)
+        for t_ns in (0, 15 * 10**8, 25 * 10**8)
         for sample in (
-            Image(topic="/head/color", t_ns=t_ns, pixels=np.full((2, 2), 9, np.uint8)),
-            Depth(topic="/head/depth", t_ns=t_ns, depth=np.ones((2, 2), np.float32)),
+            Image(topic=f"/{mount}/color", t_ns=t_ns, pixels=np.full((2, 2), 90, np.uint8)),
+            Depth(topic=f"/{mount}/depth", t_ns=t_ns, depth=np.ones((2, 2), np.float32)),
             Insole(topic="/foot_l/insole", t_ns=t_ns, force=np.ones(4)),
         )
     ]
+    rig = Twin(walk.config, 0).rig
     for blind in (False, True):
-        dark = list(sure_and_wrong.darken(made, replace(walk, blind=blind)))
-        assert [s.pixels.any() for s in dark if isinstance(s, Image)] == [True, False, True]
-        assert [s.depth.any() for s in dark if isinstance(s, Depth)] == [True, not blind, True]
-        assert [s for s in dark if isinstance(s, Insole)] == [s for s in made if isinstance(s, Insole)]
+        plan = FaultPlan.of(replace(walk, blind=blind).faults, rig, 0, 3.0)
+        arrived = list(plan.samples(iter(made)))
+        assert [bool((s.pixels > 20).any()) for s in arrived if isinstance(s, Image)] == [True, False, True]
+        assert len([s for s in arrived if isinstance(s, Depth)]) == (2 if blind else 3)
+        assert [s for s in arrived if isinstance(s, Insole)] == [s for s in made if isinstance(s, Insole)]
+    assert not sure_and_wrong.draw_search_walk("turn", 0).faults
 
 
 def step(mode, predicted, probability):

@@ -202,3 +202,34 @@ def test_a_flight_beside_furniture_is_the_only_one():
     (ours,) = (found for found in estimate.stairs if found.steps > 1)
     assert ours.steps >= 3
     assert ours.riser == pytest.approx(0.17, abs=0.008)
+
+
+@pytest.mark.parametrize(("climbs", "expected"), [(False, {GROUND}), (True, {GROUND, 1})])
+def test_the_camera_rises_with_who_steps_up_and_stays_over_a_box(climbs, expected):
+    """A box of 0.2 m is under the camera for a second: of a walker who steps onto it, or held in the hand."""
+    planes = {GROUND: a_plane(GROUND, -3.0, 0.0, long=3.0), 1: a_plane(1, 0.0, 0.2, long=0.6)}
+    walked = WalkedPlanes(np.eye(3), P)
+
+    class Columns:
+        """Slots of the planes by place alone."""
+
+        ids = np.arange(8)
+
+        class surface:  # noqa: N801 - stands for an attribute
+            @staticmethod
+            def at(columns):
+                return (columns[:, 0] >= 0).astype(np.int64), None
+
+    for x in np.linspace(-1.0, 0.5, 31):
+        z = 1.4 + (0.2 if climbs and x > 0.0 else 0.0)
+        ids = walked.update(planes, Columns(), np.array([x, 0.0, z]))
+    assert ids == expected
+
+
+def test_what_stands_on_a_counter_is_no_third_step():
+    """Drawers of 0.28 m, a counter of 0.57 m and a pot of 0.12 m on it: too unlike, and too narrow to stand on."""
+    planes = [a_plane(GROUND, -4.0, 0.0, long=4.0, wide=3.0)]
+    heights = (0.28, 0.85, 0.97)
+    planes += [a_plane(1 + k, 0.3 * k, z, long=0.3) for k, z in enumerate(heights)]
+    rows = [(a_riser(one, other),) for one, other in pairwise(planes)]
+    assert select_walkable(rows, {plane.id: plane for plane in planes}, {GROUND}, P) == []
