@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.base import PathEstimate
 from stridetwin.estimators.foot_ins import state
-from stridetwin.estimators.foot_ins.slope import slope_height_sd
+from stridetwin.estimators.foot_ins.slope import HEIGHT_SD
 from stridetwin.estimators.foot_ins.strapdown import MOST_SWING_S
 from stridetwin.streams.errors import ConfigError, RecordingError
 from stridetwin.streams.recording.reader import Recording
@@ -253,7 +253,7 @@ def _report_covariance(memory: state.FilterState, covariance: Array) -> Array:
     bent = np.zeros(6)  # by the bias about the vertical
     bent[:2], bent[5] = unlearnt[state.UNLEARNT_POSITION :][:2], unlearnt[state.UNLEARNT_TURN]
     reported = covariance + memory.path[3] ** 2 * np.outer(along, along)
-    reported[2, 2] += unlearnt[state.UNLEARNT_HEIGHT] + slope_height_sd(memory) ** 2
+    reported[2, 2] += unlearnt[state.UNLEARNT_HEIGHT] + memory.levelled[HEIGHT_SD] ** 2
     return np.asarray(reported + unlearnt[state.UNLEARNT_VARIANCE] * np.outer(bent, bent))
 
 

@@ -12,7 +12,7 @@ from stridetwin.estimators.foot_ins.clipping import restore_peaks
 from stridetwin.estimators.foot_ins.considered import add_considered, begin_considered
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.rest import bend_path, learn_bias_at_rest
-from stridetwin.estimators.foot_ins.slope import slope_height_sd
+from stridetwin.estimators.foot_ins.slope import HEIGHT_SD
 from stridetwin.estimators.foot_ins.stance import (
     append_sample,
     level_floor_update,
@@ -170,7 +170,7 @@ def write_estimate(memory: state.FilterState, nominal: Array, covariance: Array)
             covariance[3 + i, 3 + j] = P[attitude + i, attitude + j]
     unlearnt, turn = memory.unlearnt[state.UNLEARNT_VARIANCE], memory.unlearnt[state.UNLEARNT_TURN]
     bent = vec3_at(memory.unlearnt, state.UNLEARNT_POSITION)
-    covariance[2, 2] += memory.unlearnt[state.UNLEARNT_HEIGHT] + slope_height_sd(memory) ** 2
+    covariance[2, 2] += memory.unlearnt[state.UNLEARNT_HEIGHT] + memory.levelled[HEIGHT_SD] ** 2
     for i in range(3):
         for j in range(3):
             covariance[i, j] += unlearnt * bent[i] * bent[j]

@@ -17,8 +17,9 @@ _DRIFT_SD = 0.0125  # height that a foot drifts per metre [real walks: 1.26 % RM
 _UNEVEN_M2_PER_M = 1e-4  # variance that uneven ground adds to a rise, per metre of way
 
 # entries of `FilterState.levelled`: rise taken for drift since the last step, and over the window, m; way over the
-# window, m; rise before the window that may have been a slope, m; position of the last step, m
-STEP, RISE, WAY, EARLIER, PLACE = 0, 1, 2, 3, 4
+# window, m; rise before the window that may have been a slope, m; position of the last step, m (two entries); standard
+# deviation of the height by what may have been a slope, m
+STEP, RISE, WAY, EARLIER, PLACE, HEIGHT_SD = 0, 1, 2, 3, 4, 6
 
 
 @njit(**INNER_KERNEL)
@@ -48,6 +49,8 @@ def finish_levelled_step(memory: state.FilterState, is_first: bool) -> None:
         levelled[WAY] = left * levelled[WAY] + way
         levelled[STEP] = 0.0
     levelled[PLACE], levelled[PLACE + 1] = x[state.POSITION], x[state.POSITION + 1]
+    # the mixture of slope and drift has the height's error `rise` with the probability p: its mean square is p rise²
+    levelled[HEIGHT_SD] = abs(levelled[EARLIER] + math.sqrt(_slope_probability(memory)) * levelled[RISE])
 
 
 @njit(**INNER_KERNEL)
@@ -63,12 +66,3 @@ def _slope_probability(memory: state.FilterState) -> float:
     drift2, slope2 = _DRIFT_SD**2 + uneven2, _DRIFT_SD**2 + _SLOPE_SD**2 + uneven2
     odds = math.sqrt(drift2 / slope2) * math.exp(0.5 * grade2 * (1.0 / drift2 - 1.0 / slope2))
     return odds * _SLOPE_SHARE / (odds * _SLOPE_SHARE + 1.0 - _SLOPE_SHARE)
-
-
-@njit(**INNER_KERNEL)
-def slope_height_sd(memory: state.FilterState) -> float:
-    """Standard deviation (m) of the height by what was levelled and may have been a slope.
-
-    The mixture of both cases has the height's error `rise` with the probability p, so its mean square is p rise².
-    """
-    return memory.levelled[EARLIER] + math.sqrt(_slope_probability(memory)) * memory.levelled[RISE]

@@ -58,7 +58,7 @@ FILLED = 5  # entries of `filled`
 REST = 21  # entries of `rest`
 SCALE_ACROSS, SCALE_ALONG, DELAY = range(3)  # considered errors
 CONSIDERED = 3
-LEVELLED = 6  # entries of `levelled`
+LEVELLED = 7  # entries of `levelled`
 ALONE = STATES + CONSIDERED  # rows of the covariance of a foot alone
 UNLEARNT_VARIANCE, UNLEARNT_TURN, UNLEARNT_POSITION, UNLEARNT_HEIGHT = 0, 1, 2, 5  # entries of `unlearnt`
 RING = 64  # samples available to the statistic; 35 ms at 1.8 kHz
@@ -101,7 +101,7 @@ class FilterState(NamedTuple):
             considered, but not estimated (module `considered`); -1: there are none.
         considered_sd: (3,) standard deviations of these: scale of the gyro across and along the sole's normal; time by
             which one channel is late, s.
-        levelled: (6,) of heights that a level floor or the drift took away, entries in module `slope`.
+        levelled: (7,) of heights that a level floor or the drift took away, entries in module `slope`.
         prior: (7, 7) covariance of gyro bias, accelerometer bias and gyro scale from an earlier recording; 0: none.
         filled: (5,) length (s) and added variance of the line that the rates are on, and the forces; 1 if there was any
             since the last stance.

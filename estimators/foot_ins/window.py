@@ -76,7 +76,7 @@ class TransitionWindow(NamedTuple):
         evidence: (C + 1, 21) j of the same transitions.
         path: (4,) `FilterState.path` at the newest sample.
         unlearnt: (6,) `FilterState.unlearnt` at the newest sample.
-        levelled: (6,) `FilterState.levelled` at the newest sample.
+        levelled: (7,) `FilterState.levelled` at the newest sample.
         considered: (C, 3, 21) derivatives of the filtered error by the considered errors.
         released: The sample that left last, smoothed.
         scratch: (2, 21, 21) overwritten.

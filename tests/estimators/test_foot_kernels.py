@@ -413,7 +413,7 @@ def test_a_foot_that_lands_is_on_its_floor_with_a_probability_or_on_a_new_one(st
     R = Rotation.from_quat(x[state.ATTITUDE : state.ATTITUDE + 4], scalar_first=True)
     r = R.apply(memory.lever)
     x[state.FLOOR] = x[state.POSITION + 2] + r[2] - step
-    memory.clock[10], memory.clock[4] = 1, 0  # has swung; not surely stationary at 0
+    memory.clock[state.CONTACT_PHASE], memory.clock[state.T_LAST_MOTION] = 1, 0  # has swung; not surely stationary at 0
     before, x0 = P.copy(), x.copy()
 
     def height(error):
