@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ from stridetwin.estimators.base import (
     Stream,
 )
 from stridetwin.estimators.dvio import kernel
+from stridetwin.estimators.dvio.anchor import Anchor
 from stridetwin.estimators.dvio.clock_search import ClockSearch
 from stridetwin.estimators.dvio.initializer import Alignment, Initializer
 from stridetwin.estimators.dvio.nav_state import STATIONARY_S, NavState, copy_of
@@ -63,7 +65,14 @@ _RUNNING_SPEED_MPS = 6.0  # a faster wearer is an odometry that has failed alrea
 _STRAYED_NS = 100_000_000  # since when it has been one
 _STRAYED_SHARE = 0.5  # of the way since then, as standard deviation of the position
 LOST_WALK_M_RTS = 1.0
-"""Growth of the position error while lost, because the wearer walks on."""
+"""Growth of the position error while lost, because the wearer walks on: steps to all sides."""
+# Beside them, a velocity on each axis that lasts: 1 m/s over ground, ten metres straight on.
+_LOST_SPEED_SD_MPS, _LOST_MEMORY_S = 0.7, 10.0
+_LOST_RATE_SD_RADPS = 0.01  # of the gyroscope's bias, by which the heading drifts while lost
+# Dead reckoning has lost its way where its speed is less certain than that of anybody who walks.
+_MAX_BLIND_SPEED_SD_MPS = 1.5
+_NEW_S = 6.0  # time after a start in which a clock that is far off is found
+_MAX_REALIGN_S = 1.5  # after the clock was wrong, wait for vision and IMU to align
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -94,7 +103,13 @@ class DvioEstimate:
 
     @classmethod
     def of(
-        cls, nav: NavState, health: str, camera_pose: Pose, frame: str = "", unmodelled: Array | None = None
+        cls,
+        nav: NavState,
+        health: str,
+        camera_pose: Pose,
+        frame: str = "",
+        anchor: Anchor | None = None,
+        unmodelled: Array | None = None,
     ) -> DvioEstimate:
         """The estimate of a propagated state, as copies; `frame` names the IMU, such as `head/imu`.
 
@@ -103,9 +118,14 @@ class DvioEstimate:
             health: `tracking`, `depth_only`, `imu_only` or `lost`; the pose is valid unless lost.
             camera_pose: Estimated mount of the camera.
             frame: Frame of the pose.
+            anchor: Uncertainty of the world in which the window began; None for none.
             unmodelled: (3,) m², variance of the position beyond that of the state; None for none.
         """
-        t_ns, covariance = int(nav.t_ns[0]), kernel.pose_covariance(nav)
+        t_ns = int(nav.t_ns[0])
+        if anchor is not None:
+            nav = nav._replace(covariance=nav.covariance.copy())
+            nav.covariance[:6, :6] += anchor.covariance_at(nav.p, nav.R)
+        covariance = kernel.pose_covariance(nav)
         if unmodelled is not None:
             covariance[range(3), range(3)] += unmodelled
         return cls(
@@ -203,7 +223,9 @@ class Dvio:
         # time from which the bias shows an error of the accelerometer's scale; None: that is done
         self._scale_due_ns: int | None = None
         self._way_m = 0.0  # horizontal way since the start
-        self._restarts_window = False  # whether the next image starts a new window, because the clock was wrong
+        # until when a new window waits for vision and IMU to align, because the clock was wrong; None: none waits
+        self._restart_due_ns: int | None = None
+        self._anchor = Anchor.exact()
         self._camera_pose = self._camera_mount(0)
         # colour and depth images that wait for the IMU or for each other, oldest first
         self._images: deque[Image] = deque(maxlen=MAX_WAITING_IMAGES)
@@ -216,6 +238,10 @@ class Dvio:
         self._valid_p, self._valid_R, self._valid_covariance = np.zeros(3), np.eye(3), np.zeros((6, 6))
         # the same while the speed was last one at which people move, and when that was
         self._sensible_p, self._sensible_covariance, self._sensible_ns = np.zeros(3), np.zeros((6, 6)), 0
+        # the same while images or depth held it last
+        self._held_p, self._held_covariance, self._held_ns = np.zeros(3), np.zeros((6, 6)), 0
+        self._began_ns = 0  # when the odometry began, or began anew after a loss
+        self._lost_ns = 0  # when the odometry was lost, or held for the last time before
 
     @classmethod
     def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
@@ -376,25 +402,63 @@ class Dvio:
         if not self._health:  # not started yet
             return None
         if self._health == LOST:
-            # the position error is a random walk; 0-2 are the position's rows of the covariance
-            seconds = (sample.t_ns - int(core.nav.t_ns[0])) * 1e-9
-            core.nav.covariance[range(3), range(3)] += LOST_WALK_M_RTS**2 * max(seconds, 0.0)
-            core.nav.t_ns[0] = sample.t_ns
+            self._wait_while_lost(sample.t_ns)
         else:
             self._way_m += float(np.linalg.norm(core.nav.v[:2])) * (sample.t_ns - int(core.nav.t_ns[0])) * 1e-9
             core.propagate(sample.t_ns)
-            if core.is_plausible:
-                self._valid_p[:], self._valid_R[:] = core.nav.p, core.nav.R
-                self._valid_covariance[:] = core.nav.covariance[:6, :6]
-                if core.nav.v @ core.nav.v < _RUNNING_SPEED_MPS**2:
-                    self._sensible_p[:], self._sensible_ns = core.nav.p, sample.t_ns
-                    self._sensible_covariance[:] = self._valid_covariance
+            is_plausible = core.is_plausible
+            if is_plausible:
                 if self._health != IMU_ONLY and (sample.t_ns - core.newest_ns) * 1e-9 > self._max_imu_only_s:
                     self._health = IMU_ONLY
-            else:
+                self._remember_pose()
+            if not is_plausible or self._has_lost_its_way:
                 self._declare_lost()
                 core.nav.t_ns[0] = sample.t_ns
-        return DvioEstimate.of(core.nav, self._health, self._camera_pose, self._frame, self._unmodelled_variance())
+        return DvioEstimate.of(
+            core.nav, self._health, self._camera_pose, self._frame, self._anchor, self._unmodelled_variance()
+        )
+
+    def _remember_pose(self) -> None:
+        """Keeps the pose as the last plausible one, and as the last sensible and the last held one where it is."""
+        nav = self._core.nav
+        self._valid_p[:], self._valid_R[:] = nav.p, nav.R
+        self._valid_covariance[:] = nav.covariance[:6, :6] + self._anchor.covariance_at(nav.p, nav.R)
+        if nav.v @ nav.v < _RUNNING_SPEED_MPS**2:
+            self._sensible_p[:], self._sensible_ns = nav.p, int(nav.t_ns[0])
+            self._sensible_covariance[:] = self._valid_covariance
+        if self._health != IMU_ONLY:
+            self._held_p[:], self._held_ns = nav.p, int(nav.t_ns[0])
+            self._held_covariance[:] = self._valid_covariance
+
+    @property
+    def _has_lost_its_way(self) -> bool:
+        """Whether dead reckoning is of no use any more: it moves as nobody does, or knows less than that somebody walks.
+
+        The methods of others go on until their state is impossible.
+        """
+        if self._health != IMU_ONLY or not self._parameters.method.refines_all:
+            return False
+        nav = self._core.nav
+        speed_variance = float(nav.covariance[range(6, 9), range(6, 9)].sum())
+        return bool(speed_variance > _MAX_BLIND_SPEED_SD_MPS**2 or nav.v @ nav.v > _RUNNING_SPEED_MPS**2)
+
+    def _wait_while_lost(self, t_ns: int) -> None:
+        """Moves a lost state on to a time: the position stays, less certain; the attitude follows the gyroscope.
+
+        The velocity is unknown and lasts for a while: its part of the variance of the position grows with the square of
+        the time at first, then in proportion to it.
+        """
+        core, nav = self._core, self._core.nav
+        before_ns = int(nav.t_ns[0])
+        turned = core.rotation_between(before_ns, t_ns)
+        nav.R[:] = nav.R @ turned
+        nav.covariance[3:6, 3:6] = turned.T @ nav.covariance[3:6, 3:6] @ turned
+        nav.covariance[:3, 3:6] = nav.covariance[:3, 3:6] @ turned
+        nav.covariance[3:6, :3] = nav.covariance[:3, 3:6].T
+        lost_s = [max(t - self._lost_ns, 0) * 1e-9 for t in (before_ns, t_ns)]
+        nav.covariance[range(3), range(3)] += strayed_variance(lost_s[1]) - strayed_variance(lost_s[0])
+        nav.covariance[range(3, 6), range(3, 6)] += _LOST_RATE_SD_RADPS**2 * (lost_s[1] ** 2 - lost_s[0] ** 2)
+        nav.t_ns[0] = t_ns
 
     def _unmodelled_variance(self) -> Array | None:
         """(3,) m², variance of the position by errors that all images share, docs/dvio.md (20); None for none.
@@ -442,14 +506,16 @@ class Dvio:
         t_ns, newest_frame_ns = core.imu_time(frame.t_ns), core.newest_ns  # both on the IMU's clock
         if t_ns <= newest_frame_ns:
             return
+        if self._realigns(frame, t_ns):
+            return
         is_blind = (t_ns - newest_frame_ns) * 1e-9 > _MAX_BLIND_S or not core.is_imu_complete
-        if is_blind or self._restarts_window:
+        if is_blind or self._restart_due_ns is not None:
             # `nav` may be later than the image, which can arrive after later IMU samples. An image from before the IMU
             # samples that are kept is skipped.
             if core.rewind_to(t_ns):
                 core.start(frame, core.nav.covariance.copy())
                 self._health = self._health_of_newest()
-                self._restarts_window = False
+                self._restart_due_ns = None
             return
         core.process_image(frame, core.inertial.is_stationary(t_ns))
         if core.is_resting and self._clock is not None and not self._clock.is_settled:
@@ -459,6 +525,36 @@ class Dvio:
             self._declare_lost()
         elif self._health == TRACKING and self._scale_due_ns is not None and t_ns >= self._scale_due_ns:
             self._correct_force_scale(frame)
+
+    def _realigns(self, frame: CameraFrame, t_ns: int) -> bool:
+        """Tries to align vision and IMU anew where the window does not hold the pose; returns whether the image is used.
+
+        A window whose points are lost finds no new ones while its velocity is uncertain: points of unknown depth move
+        as they like. An alignment needs no velocity. Position and heading remain, with the uncertainty that they have.
+        After a wrong clock the image also counts as used while a new window waits for the alignment.
+        """
+        core, waits = self._core, self._restart_due_ns is not None
+        if not self._parameters.method.refines_all:
+            return False
+        if self._health != IMU_ONLY and not waits:
+            self._initializer.reset()
+            return False
+        alignment = self._initializer.process_image(frame)
+        nav = core.nav
+        is_better = alignment is not None and (
+            waits
+            or float(alignment.covariance[range(2, 5), range(2, 5)].sum()) < float(np.trace(nav.covariance[6:9, 6:9]))
+        )
+        if alignment is not None and is_better and core.rewind_to(t_ns):
+            nav = core.nav
+            total = nav.covariance[:6, :6] + self._anchor.covariance_at(nav.p, nav.R)
+            self._anchor = Anchor.at(nav.p, nav.R, total)
+            core.start(frame, self._init_from_alignment(alignment, nav.R.copy()))
+            self._initializer.reset()
+            self._health, self._restart_due_ns = self._health_of_newest(), None
+            self._scale_due_ns = t_ns + round(_SCALE_AFTER_S * 1e9)
+            return True
+        return self._restart_due_ns is not None and t_ns < self._restart_due_ns
 
     def _health_of_newest(self) -> str:
         """How the newest frame is held: by points in the image, by planes in the depth image, or by the IMU alone."""
@@ -495,7 +591,8 @@ class Dvio:
         clock.add_image(frame.t_ns, frame.grey, frame.depth if self._parameters.method.uses_depth else None)
         mount = core.window.calibration
         offset_s = float(mount.offset[0])
-        corrected_s = clock.find_offset(core.inertial, mount.R, offset_s, core.first_offset_s)
+        is_new = self._health not in _RUNNING or (frame.t_ns - self._began_ns) * 1e-9 < _NEW_S
+        corrected_s = clock.find_offset(core.inertial, mount.R, offset_s, core.first_offset_s, is_new)
         if corrected_s == offset_s:
             return False
         mount.offset[0] = core.first_offset_s = corrected_s
@@ -509,7 +606,7 @@ class Dvio:
             core.nav.covariance[:] += np.diag(np.repeat(_WRONG_CLOCK_SD, 3) ** 2)
             core.return_to(core.nav)
         core.propagate(now_ns)
-        self._restarts_window = True
+        self._restart_due_ns = now_ns + round(_MAX_REALIGN_S * 1e9)
         return True
 
     def _initialize(self, frame: CameraFrame) -> None:
@@ -517,13 +614,14 @@ class Dvio:
 
         - A stationary sensor starts at once, from the mean rate and force of the last `STATIONARY_S`.
         - A moving one starts once vision and IMU align (`Initializer`), from the result of the alignment.
-        - If they have not aligned within `_MAX_ALIGN_S`, it starts from the mean force of the last `_MEAN_FORCE_S`.
+        - If they have not aligned within `_MAX_ALIGN_S`, it starts from the mean force of the last `_MEAN_FORCE_S`; not
+          after a failure, where a guess of the velocity fails again.
 
         After a start with enough points the health is `tracking`; otherwise the next image tries again.
         `_init_start_ns` is the time of the first try. Nothing happens if the IMU samples do not reach back to the
         image.
         """
-        core = self._core
+        core, lost_state = self._core, copy_of(self._core.nav)
         t_ns = core.imu_time(frame.t_ns)
         if not core.inertial.covers(t_ns):
             return
@@ -531,35 +629,44 @@ class Dvio:
             self._init_start_ns = t_ns
         self._scale_due_ns = t_ns + round(_SCALE_AFTER_S * 1e9)
         resting = core.inertial.is_stationary(t_ns)
+        # the previous attitude at the time of the image, whose heading is kept after a failure
+        before = None
+        if self._health == LOST:
+            before = lost_state.R @ core.rotation_between(t_ns, int(lost_state.t_ns[0])).T
+        may_guess = self._health != LOST or not self._parameters.method.refines_all
         # The initializer needs every image of a moving sensor: it collects them until they align.
         if not resting and (alignment := self._initializer.process_image(frame)) is not None:
-            covariance = self._init_from_alignment(alignment)
-        elif resting or (t_ns - self._init_start_ns) * 1e-9 >= _MAX_ALIGN_S:
+            covariance = self._init_from_alignment(alignment, before)
+        elif resting or (may_guess and (t_ns - self._init_start_ns) * 1e-9 >= _MAX_ALIGN_S):
             averaged_s = STATIONARY_S if resting else _MEAN_FORCE_S
             samples = core.inertial.since(t_ns - round(averaged_s * 1e9), t_ns)  # (N, 6) rate and force
             if not len(samples):  # a gap in the IMU
                 return
-            covariance = self._init_from_gravity(samples.mean(axis=0), resting)
+            covariance = self._init_from_gravity(samples.mean(axis=0), resting, before)
         else:  # moving, not aligned yet, and there is still time
             return
         core.nav.t_ns[0] = t_ns
         core.start(frame, covariance)
         self._initializer.reset()
         if core.is_tracking:
-            self._init_start_ns, self._health = None, TRACKING
+            if self._health == LOST:
+                self._anchor = Anchor.at(lost_state.p, core.nav.R, lost_state.covariance[:6, :6])
+            self._init_start_ns, self._health, self._began_ns = None, TRACKING, t_ns
+        elif self._health == LOST:
+            core.return_to(lost_state)
 
-    def _init_from_gravity(self, mean: Array, resting: bool) -> Array:
+    def _init_from_gravity(self, mean: Array, resting: bool, before: Array | None) -> Array:
         """Sets attitude, velocity and biases of `nav` from the mean rate and force (6,) of recent samples.
 
-        The force gives the vertical. The heading is 0 at a first start, and that of the last valid pose after a
-        failure. The velocity becomes 0, and if `resting`, the mean rate is the gyroscope's bias. The position stays.
+        The force gives the vertical. The heading is 0 at a first start, and that of the attitude `before`, (3, 3) world
+        <- IMU, after a failure. The velocity becomes 0, and if `resting`, the mean rate is the gyroscope's bias. The
+        position stays.
 
         Returns:
-            (15, 15) covariance of that state.
+            (15, 15) covariance of that state in its own world, whose origin and heading are exact.
         """
         nav = self._core.nav
-        position_covariance, heading_sd = self._start_uncertainty()
-        nav.R[:] = _attitude_from_gravity(mean[3:], nav.R if self._health == LOST else None)
+        nav.R[:] = _attitude_from_gravity(mean[3:], before)
         if resting:
             self._core.correct_force_scale(float(np.linalg.norm(mean[3:])) - self._parameters.gravity_mps2)
             self._scale_due_ns = None
@@ -568,58 +675,63 @@ class Dvio:
             nav.bias[:3] = mean[:3]
         tilt_sd = _RESTING_TILT_SD_RAD if resting else _MOVING_TILT_SD_RAD
         speed_sd = STATIONARY_SPEED_SD_MPS if resting else _MOVING_SPEED_SD_MPS
-        return self._core.start_covariance(position_covariance, heading_sd, tilt_sd, speed_sd)
+        return self._core.start_covariance(_START_SD**2 * np.eye(3), _START_SD, tilt_sd, speed_sd)
 
-    def _init_from_alignment(self, alignment: Alignment) -> Array:
+    def _init_from_alignment(self, alignment: Alignment, before: Array | None) -> Array:
         """Sets attitude, velocity and biases of `nav` from an alignment; the position of `nav` stays.
 
-        The heading is 0 at a first start, and that of the last valid pose after a failure.
+        The heading is 0 at a first start, and that of the attitude `before`, (3, 3) world <- IMU, afterwards.
 
         Returns:
-            (15, 15) covariance of that state.
+            (15, 15) covariance of that state in its own world, whose origin and heading are exact.
         """
         nav = self._core.nav
-        position_covariance, heading_sd = self._start_uncertainty()
-        nav.R[:] = _attitude_from_gravity(alignment.up, nav.R if self._health == LOST else None)
+        nav.R[:] = _attitude_from_gravity(alignment.up, before)
         # `v[-1]` is the velocity at the newest image, in the axes of the IMU there
         nav.v[:], nav.bias[:] = nav.R @ alignment.v[-1], alignment.bias
-        return alignment.state_covariance(nav.R, position_covariance, heading_sd)
-
-    def _start_uncertainty(self) -> tuple[Array, float]:
-        """Uncertainty of position (3, 3) m² and heading, rad, of a start.
-
-        A first start defines the world, so both are tiny; after a failure they are those of the last valid pose.
-        """
-        nav = self._core.nav
-        if self._health != LOST:
-            return _START_SD**2 * np.eye(3), _START_SD
-        up = nav.R.T @ np.array([0.0, 0.0, 1.0])  # the world's z axis in the IMU's axes: a heading error turns about it
-        return nav.covariance[:3, :3].copy(), float(np.sqrt(up @ nav.covariance[3:6, 3:6] @ up))
+        return alignment.state_covariance(nav.R, _START_SD**2 * np.eye(3), _START_SD)
 
     def _declare_lost(self) -> None:
         """Declares a failure: the health becomes `lost` until a new start.
 
         `nav` becomes the last valid pose at rest without biases, with a large covariance. Where the speed was one at
-        which nobody moves, its position is the last one before that, and as uncertain as it has strayed since. Waiting
-        images and what the initializer has collected are dropped. If the odometry is lost already, its state stays.
+        which nobody moves, its position is the last one before that, and as uncertain as it has strayed since; where
+        dead reckoning knows less than that a wearer walks, it is the last one that images or depth held. Waiting images
+        and what the initializer has collected are dropped. If the odometry is lost already, its state stays.
         """
         nav, was_lost = self._core.nav, self._health == LOST
         self._health, self._init_start_ns = LOST, None
-        self._resting_state, self._restarts_window = None, False
+        self._resting_state, self._restart_due_ns = None, None
         self._images.clear()
         self._initializer.reset()
         if was_lost:
             # The position has become less certain since the failure; that must not be undone.
             return
+        now_ns = int(nav.t_ns[0])
         nav.p[:], nav.R[:], nav.v[:], nav.bias[:] = self._valid_p, self._valid_R, 0.0, 0.0
+        covariance, self._lost_ns = self._valid_covariance.copy(), now_ns
+        strayed = self._valid_p - self._sensible_p
+        if self._sensible_ns < now_ns - _STRAYED_NS:
+            nav.p[:] = self._sensible_p
+            covariance[:] = self._sensible_covariance
+            covariance[range(3), range(3)] += _STRAYED_SHARE**2 * float(strayed @ strayed)
+        walked = strayed_variance((now_ns - self._held_ns) * 1e-9)
+        held_variance = float(np.trace(self._held_covariance[:3, :3])) + 3 * walked
+        if self._parameters.method.refines_all and held_variance < float(np.trace(covariance[:3, :3])):
+            nav.p[:], self._lost_ns = self._held_p, self._held_ns
+            covariance[:3], covariance[:, :3] = 0.0, 0.0
+            covariance[:3, :3] = self._held_covariance[:3, :3] + walked * np.eye(3)
         # `_LOST_SD` has a value per three axes of position, attitude, velocity and the two biases; 0-5 are the pose
         nav.covariance[:] = np.diag(np.repeat(_LOST_SD, 3) ** 2)
-        strayed = self._valid_p - self._sensible_p
-        if self._sensible_ns < int(nav.t_ns[0]) - _STRAYED_NS:
-            nav.p[:], self._valid_p[:] = self._sensible_p, self._sensible_p
-            self._valid_covariance[:] = self._sensible_covariance
-            nav.covariance[range(3), range(3)] += _STRAYED_SHARE**2 * float(strayed @ strayed)
-        nav.covariance[:6, :6] += self._valid_covariance
+        nav.covariance[:6, :6] += covariance
+        self._anchor = Anchor.exact()
+
+
+def strayed_variance(lost_s: float) -> float:
+    """Variance of the position on each axis, m², by which a wearer has moved while the odometry was lost, (21)."""
+    share = lost_s / _LOST_MEMORY_S
+    lasting = 2 * (_LOST_SPEED_SD_MPS * _LOST_MEMORY_S) ** 2 * (share + math.expm1(-share))
+    return LOST_WALK_M_RTS**2 * lost_s + lasting
 
 
 def _attitude_from_gravity(force: Array, before: Array | None) -> Array:

@@ -320,6 +320,16 @@ class SlidingWindow:
         # A state from before the samples that are kept could not be propagated any more.
         self._propagate(self._previous, self.inertial.oldest_retained_ns)
 
+    def rotation_between(self, start_ns: int, end_ns: int) -> Array:
+        """(3, 3) rotation by the gyroscope, from the IMU's axes at a later time to those at an earlier one.
+
+        The bias of `nav` is taken off; the samples must reach back to the earlier time.
+        """
+        z = blank_preintegration()
+        if end_ns > start_ns:
+            kernel.integrate(z, self.inertial.imu_samples, start_ns, end_ns, self.nav.bias, self.noise)
+        return z.delta_R
+
     def correct_force_scale(self, excess_mps2: float) -> float:
         """Corrects the scale of the accelerometer by an excess of force along gravity.
 
