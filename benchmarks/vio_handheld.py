@@ -28,6 +28,7 @@ from benchmarks.vio_errors import scale_forces
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.dvio import Dvio
 from stridetwin.outputs.path.scores import compare, score
+from stridetwin.outputs.truth import TruePath
 from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
@@ -38,7 +39,6 @@ from stridetwin.sim.twin import Twin
 from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.sim.world import obstacles
 from stridetwin.sim.world.terrain import Terrain
-from stridetwin.outputs.truth import TruePath
 from stridetwin.streams.algebra.arrays import from_euler, from_quaternion, to_quaternion
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
@@ -97,6 +97,8 @@ RIGS = {
     "late": HandRig(clock_s=0.056, force=1.028),
     "sound_depth": HandRig(depth=True),
     "late_depth": HandRig(clock_s=0.056, force=1.028, depth=True),
+    "sound_readout": HandRig(knows_readout=True),
+    "late_readout": HandRig(clock_s=0.056, force=1.028, knows_readout=True),
 }
 
 

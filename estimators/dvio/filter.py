@@ -71,6 +71,8 @@ _LOST_SPEED_SD_MPS, _LOST_MEMORY_S = 0.7, 10.0
 _LOST_RATE_SD_RADPS = 0.01  # of the gyroscope's bias, by which the heading drifts while lost
 # Dead reckoning has lost its way where its speed is less certain than that of anybody who walks.
 _MAX_BLIND_SPEED_SD_MPS = 1.5
+# An IMU that seems so many times noisier than its part belongs to a rig that is not as calibrated: such errors last.
+_CREDIBLE_INFLATION = 3.0
 _NEW_S = 6.0  # time after a start in which a clock that is far off is found
 _MAX_REALIGN_S = 1.5  # after the clock was wrong, wait for vision and IMU to align
 
@@ -108,7 +110,6 @@ class DvioEstimate:
         health: str,
         camera_pose: Pose,
         frame: str = "",
-        anchor: Anchor | None = None,
         unmodelled: Array | None = None,
     ) -> DvioEstimate:
         """The estimate of a propagated state, as copies; `frame` names the IMU, such as `head/imu`.
@@ -118,14 +119,9 @@ class DvioEstimate:
             health: `tracking`, `depth_only`, `imu_only` or `lost`; the pose is valid unless lost.
             camera_pose: Estimated mount of the camera.
             frame: Frame of the pose.
-            anchor: Uncertainty of the world in which the window began; None for none.
             unmodelled: (3,) m², variance of the position beyond that of the state; None for none.
         """
-        t_ns = int(nav.t_ns[0])
-        if anchor is not None:
-            nav = nav._replace(covariance=nav.covariance.copy())
-            nav.covariance[:6, :6] += anchor.covariance_at(nav.p, nav.R)
-        covariance = kernel.pose_covariance(nav)
+        t_ns, covariance = int(nav.t_ns[0]), kernel.pose_covariance(nav)
         if unmodelled is not None:
             covariance[range(3), range(3)] += unmodelled
         return cls(
@@ -226,6 +222,7 @@ class Dvio:
         # until when a new window waits for vision and IMU to align, because the clock was wrong; None: none waits
         self._restart_due_ns: int | None = None
         self._anchor = Anchor.exact()
+        self._misfit = 1.0  # factor on the standard deviations of the window, because the rig is not as calibrated
         self._camera_pose = self._camera_mount(0)
         # colour and depth images that wait for the IMU or for each other, oldest first
         self._images: deque[Image] = deque(maxlen=MAX_WAITING_IMAGES)
@@ -414,15 +411,24 @@ class Dvio:
             if not is_plausible or self._has_lost_its_way:
                 self._declare_lost()
                 core.nav.t_ns[0] = sample.t_ns
-        return DvioEstimate.of(
-            core.nav, self._health, self._camera_pose, self._frame, self._anchor, self._unmodelled_variance()
-        )
+        reported = core.nav._replace(covariance=core.nav.covariance.copy())
+        reported.covariance[:6, :6] = self._pose_covariance()
+        return DvioEstimate.of(reported, self._health, self._camera_pose, self._frame, self._unmodelled_variance())
+
+    def _pose_covariance(self) -> Array:
+        """(6, 6) covariance of the pose of `nav`: position (m) and attitude (rad, about the IMU's axes).
+
+        That of the window, wider where the rig is not as calibrated, (22), and of the world in which it began.
+        """
+        nav = self._core.nav
+        covariance: Array = self._misfit**2 * nav.covariance[:6, :6] + self._anchor.covariance_at(nav.p, nav.R)
+        return covariance
 
     def _remember_pose(self) -> None:
         """Keeps the pose as the last plausible one, and as the last sensible and the last held one where it is."""
         nav = self._core.nav
         self._valid_p[:], self._valid_R[:] = nav.p, nav.R
-        self._valid_covariance[:] = nav.covariance[:6, :6] + self._anchor.covariance_at(nav.p, nav.R)
+        self._valid_covariance[:] = self._pose_covariance()
         if nav.v @ nav.v < _RUNNING_SPEED_MPS**2:
             self._sensible_p[:], self._sensible_ns = nav.p, int(nav.t_ns[0])
             self._sensible_covariance[:] = self._valid_covariance
@@ -432,7 +438,7 @@ class Dvio:
 
     @property
     def _has_lost_its_way(self) -> bool:
-        """Whether dead reckoning is of no use any more: it moves as nobody does, or knows less than that somebody walks.
+        """Whether dead reckoning is of no use: it moves as nobody does, or knows less than that somebody walks.
 
         The methods of others go on until their state is impossible.
         """
@@ -518,6 +524,7 @@ class Dvio:
                 self._restart_due_ns = None
             return
         core.process_image(frame, core.inertial.is_stationary(t_ns))
+        self._misfit = max(self._misfit, float(core.inflation.factor.max()) / _CREDIBLE_INFLATION)
         if core.is_resting and self._clock is not None and not self._clock.is_settled:
             self._resting_state = copy_of(core.nav)
         self._health = self._health_of_newest()
@@ -527,7 +534,7 @@ class Dvio:
             self._correct_force_scale(frame)
 
     def _realigns(self, frame: CameraFrame, t_ns: int) -> bool:
-        """Tries to align vision and IMU anew where the window does not hold the pose; returns whether the image is used.
+        """Tries to align vision and IMU anew where the window fails; returns whether the image is used.
 
         A window whose points are lost finds no new ones while its velocity is uncertain: points of unknown depth move
         as they like. An alignment needs no velocity. Position and heading remain, with the uncertainty that they have.
@@ -547,8 +554,8 @@ class Dvio:
         )
         if alignment is not None and is_better and core.rewind_to(t_ns):
             nav = core.nav
-            total = nav.covariance[:6, :6] + self._anchor.covariance_at(nav.p, nav.R)
-            self._anchor = Anchor.at(nav.p, nav.R, total)
+            self._anchor = Anchor.at(nav.p, nav.R, self._pose_covariance())
+            self._misfit = 1.0
             core.start(frame, self._init_from_alignment(alignment, nav.R.copy()))
             self._initializer.reset()
             self._health, self._restart_due_ns = self._health_of_newest(), None
@@ -724,7 +731,7 @@ class Dvio:
         # `_LOST_SD` has a value per three axes of position, attitude, velocity and the two biases; 0-5 are the pose
         nav.covariance[:] = np.diag(np.repeat(_LOST_SD, 3) ** 2)
         nav.covariance[:6, :6] += covariance
-        self._anchor = Anchor.exact()
+        self._anchor, self._misfit = Anchor.exact(), 1.0
 
 
 def strayed_variance(lost_s: float) -> float:
