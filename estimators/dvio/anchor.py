@@ -50,7 +50,7 @@ class Anchor:
     def covariance_at(self, p: Array, R: Array) -> Array:
         """(6, 6) covariance that the anchor adds to that of a pose in its window.
 
-        An error of the heading turns the way since the start about the vertical through it.
+        docs/dvio.md (22): an error of the heading turns the way since the start about the vertical through it.
 
         Args:
             p: (3,) m, IMU in the world.

@@ -418,7 +418,8 @@ class Dvio:
     def _pose_covariance(self) -> Array:
         """(6, 6) covariance of the pose of `nav`: position (m) and attitude (rad, about the IMU's axes).
 
-        That of the window, wider where the rig is not as calibrated, (22), and of the world in which it began.
+        That of the window, wider where the rig is not as calibrated, and of the world in which it began: docs/dvio.md
+        (22).
         """
         nav = self._core.nav
         covariance: Array = self._misfit**2 * nav.covariance[:6, :6] + self._anchor.covariance_at(nav.p, nav.R)
@@ -555,7 +556,7 @@ class Dvio:
         if alignment is not None and is_better and core.rewind_to(t_ns):
             nav = core.nav
             self._anchor = Anchor.at(nav.p, nav.R, self._pose_covariance())
-            self._misfit = 1.0
+            self._misfit, self._resting_state = 1.0, None
             core.start(frame, self._init_from_alignment(alignment, nav.R.copy()))
             self._initializer.reset()
             self._health, self._restart_due_ns = self._health_of_newest(), None
@@ -598,7 +599,12 @@ class Dvio:
         clock.add_image(frame.t_ns, frame.grey, frame.depth if self._parameters.method.uses_depth else None)
         mount = core.window.calibration
         offset_s = float(mount.offset[0])
-        is_new = self._health not in _RUNNING or (frame.t_ns - self._began_ns) * 1e-9 < _NEW_S
+        resting = self._resting_state
+        if resting is not None and not core.inertial.covers(int(resting.t_ns[0])):
+            resting = None
+        # a state at rest is right whatever the clock, so that there is time to know it well
+        is_new = resting is None and (frame.t_ns - self._began_ns) * 1e-9 < _NEW_S
+        is_new |= self._health not in _RUNNING
         corrected_s = clock.find_offset(core.inertial, mount.R, offset_s, core.first_offset_s, is_new)
         if corrected_s == offset_s:
             return False
@@ -606,14 +612,14 @@ class Dvio:
         self._initializer.reset()
         if self._health not in _RUNNING:
             return True
-        resting, now_ns = self._resting_state, int(core.nav.t_ns[0])
-        if resting is not None and core.inertial.covers(int(resting.t_ns[0])):
+        now_ns = self._restart_due_ns = int(core.nav.t_ns[0])
+        if resting is not None:
             core.return_to(resting)
         else:
             core.nav.covariance[:] += np.diag(np.repeat(_WRONG_CLOCK_SD, 3) ** 2)
             core.return_to(core.nav)
+            self._restart_due_ns += round(_MAX_REALIGN_S * 1e9)
         core.propagate(now_ns)
-        self._restart_due_ns = now_ns + round(_MAX_REALIGN_S * 1e9)
         return True
 
     def _initialize(self, frame: CameraFrame) -> None:
@@ -735,7 +741,7 @@ class Dvio:
 
 
 def strayed_variance(lost_s: float) -> float:
-    """Variance of the position on each axis, m², by which a wearer has moved while the odometry was lost, (21)."""
+    """Variance of the position on each axis, m², that a wearer adds while the odometry is lost: docs/dvio.md (21)."""
     share = lost_s / _LOST_MEMORY_S
     lasting = 2 * (_LOST_SPEED_SD_MPS * _LOST_MEMORY_S) ** 2 * (share + math.expm1(-share))
     return LOST_WALK_M_RTS**2 * lost_s + lasting
