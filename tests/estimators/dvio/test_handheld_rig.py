@@ -55,21 +55,15 @@ def test_a_bad_clock_and_bad_forces_in_motion_from_the_start_lose_no_metre(late_
 
 
 def test_a_covered_camera_ends_as_lost_where_it_was_seen_last_and_begins_anew():
-    wall = Wall(swaying, 19.0, seed=5)
+    wall = Wall(swaying, 40.0, seed=5)
     images = wall.images
-    wall.images = lambda t_ns: () if 3.0e9 < t_ns < 16.0e9 else images(t_ns)
-    odometry = Dvio(plain_rig())
-    # a tilt that a worse accelerometer would cause: dead reckoning strays by metres
-    bad = np.array([0.5, 0.0, 0.5])
-    samples = (
-        replace(s, specific_force=s.specific_force + bad * (s.t_ns > 3.0e9)) if isinstance(s, Imu) else s
-        for s in without_depth(wall)
-    )
+    wall.images = lambda t_ns: () if 3.0e9 < t_ns < 37.0e9 else images(t_ns)
+    odometry, samples = Dvio(plain_rig()), without_depth(wall)
     made = [e for s in samples if (e := odometry.update(s)) is not None]
     healths = [e.health for e in made]
     assert "lost" in healths
     first = healths.index("lost")
-    assert made[first].t_ns < 12e9
+    assert 6e9 < made[first].t_ns < 36e9
     lost = [e for e in made if e.health == "lost"]
     variance = np.array([np.trace(e.covariance[:3, :3]) for e in lost])
     assert (np.diff(variance) > 0).all()
