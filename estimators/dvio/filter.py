@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import ClassVar
 
 import cv2
@@ -23,10 +21,11 @@ from stridetwin.estimators.base import (
     Progress,
     Stream,
 )
-from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.anchor import Anchor
 from stridetwin.estimators.dvio.clock_search import ClockSearch
+from stridetwin.estimators.dvio.estimate import DvioEstimate
 from stridetwin.estimators.dvio.initializer import Alignment, Initializer
+from stridetwin.estimators.dvio.loss import RUNNING_SPEED_MPS, PoseMemory, strayed_variance
 from stridetwin.estimators.dvio.nav_state import STATIONARY_S, NavState, copy_of
 from stridetwin.estimators.dvio.parameters import METHODS, DvioParameters, method_parameters
 from stridetwin.estimators.dvio.sliding_window import STATIONARY_SPEED_SD_MPS, SlidingWindow
@@ -61,13 +60,6 @@ _LOST_SD = (0.5, 0.3, 1.0, 0.01, 0.1)
 _WRONG_CLOCK_SD = (0.1, 0.05, 0.3, 0.01, 0.1)
 _SCALE_AFTER_S = 4.0  # after a start in motion the bias shows an error of the accelerometer's scale
 _MAX_BIAS_SD_MPS2 = 0.05  # of the bias along gravity, from which it counts
-_RUNNING_SPEED_MPS = 6.0  # a faster wearer is an odometry that has failed already
-_STRAYED_NS = 100_000_000  # since when it has been one
-_STRAYED_SHARE = 0.5  # of the way since then, as standard deviation of the position
-LOST_WALK_M_RTS = 1.0
-"""Growth of the position error while lost, because the wearer walks on: steps to all sides."""
-# Beside them, a velocity on each axis that lasts: 1 m/s over ground, ten metres straight on.
-_LOST_SPEED_SD_MPS, _LOST_MEMORY_S = 0.7, 10.0
 _LOST_RATE_SD_RADPS = 0.01  # of the gyroscope's bias, by which the heading drifts while lost
 # Dead reckoning has lost its way where its speed is less certain than that of anybody who walks.
 _MAX_BLIND_SPEED_SD_MPS = 1.5
@@ -75,77 +67,6 @@ _MAX_BLIND_SPEED_SD_MPS = 1.5
 _CREDIBLE_INFLATION = 3.0
 _NEW_S = 6.0  # time after a start in which a clock that is far off is found
 _MAX_REALIGN_S = 1.5  # after the clock was wrong, wait for vision and IMU to align
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class DvioEstimate:
-    """Estimated state of the camera's IMU after one sample.
-
-    The world's z axis is up. Its origin is the IMU's first position; its x axis is the camera's first line of sight.
-
-    Attributes:
-        t_ns: Time of the sample.
-        pose: Pose of the IMU; valid unless the odometry is lost.
-        camera_pose: Estimated mount, the camera's pose in the IMU's frame; the same object until it changes.
-        v_imu_in_world: (3,) m/s, velocity of the IMU.
-        gyro_bias: (3,) rad/s, estimated bias of the gyroscope.
-        accel_bias: (3,) m/s², estimated bias of the accelerometer.
-        health: `tracking`; `depth_only`: images show too few points, but planes in the depth images hold the pose as
-            far as they constrain it; `imu_only`: dead reckoning; or `lost`: from a failure until a new start. While
-            lost, the pose is frozen and its covariance grows accordingly.
-    """
-
-    t_ns: int
-    pose: Pose
-    camera_pose: Pose
-    v_imu_in_world: Array
-    gyro_bias: Array
-    accel_bias: Array
-    health: str
-
-    @classmethod
-    def of(
-        cls,
-        nav: NavState,
-        health: str,
-        camera_pose: Pose,
-        frame: str = "",
-        unmodelled: Array | None = None,
-    ) -> DvioEstimate:
-        """The estimate of a propagated state, as copies; `frame` names the IMU, such as `head/imu`.
-
-        Args:
-            nav: The state; its time is that of the estimate.
-            health: `tracking`, `depth_only`, `imu_only` or `lost`; the pose is valid unless lost.
-            camera_pose: Estimated mount of the camera.
-            frame: Frame of the pose.
-            unmodelled: (3,) m², variance of the position beyond that of the state; None for none.
-        """
-        t_ns, covariance = int(nav.t_ns[0]), kernel.pose_covariance(nav)
-        if unmodelled is not None:
-            covariance[range(3), range(3)] += unmodelled
-        return cls(
-            t_ns=t_ns,
-            pose=Pose(
-                t_ns=t_ns,
-                p_frame_in_world=nav.p.copy(),
-                rotation=nav.R.copy(),
-                frame=frame,
-                covariance=covariance,
-                valid=health != LOST,
-            ),
-            camera_pose=camera_pose,
-            v_imu_in_world=nav.v.copy(),
-            gyro_bias=nav.bias[:3].copy(),
-            accel_bias=nav.bias[3:].copy(),
-            health=health,
-        )
-
-    @property
-    def covariance(self) -> Array:
-        """(6, 6) of the pose: position (m) and rotation about the world's axes (rad)."""
-        assert self.pose.covariance is not None
-        return self.pose.covariance
 
 
 MOUNTS = ("head", "chest")
@@ -231,12 +152,7 @@ class Dvio:
         # time of the first image at which the present start was tried, on the IMU's clock; None: no start is going on
         self._init_start_ns: int | None = None
         self._health = ""  # TRACKING, DEPTH_ONLY, IMU_ONLY or LOST; "" before the first start
-        # the last plausible pose with its covariance, which is held while lost
-        self._valid_p, self._valid_R, self._valid_covariance = np.zeros(3), np.eye(3), np.zeros((6, 6))
-        # the same while the speed was last one at which people move, and when that was
-        self._sensible_p, self._sensible_covariance, self._sensible_ns = np.zeros(3), np.zeros((6, 6)), 0
-        # the same while images or depth held it last
-        self._held_p, self._held_covariance, self._held_ns = np.zeros(3), np.zeros((6, 6)), 0
+        self._memory = PoseMemory()
         self._began_ns = 0  # when the odometry began, or began anew after a loss
         self._lost_ns = 0  # when the odometry was lost, or held for the last time before
 
@@ -377,7 +293,7 @@ class Dvio:
         """Processes an IMU sample: takes the images whose time it has reached, then propagates the state to its time.
 
         While lost, the state is not propagated: the pose is held, and the variance of its position grows with time. A
-        plausible state is kept in `_valid_p`, `_valid_R` and `_valid_covariance`; an implausible one means failure.
+        plausible state is remembered; an implausible one means failure.
         The health becomes `imu_only` once the newest frame is older than `_max_imu_only_s`.
 
         Returns:
@@ -407,7 +323,7 @@ class Dvio:
             if is_plausible:
                 if self._health != IMU_ONLY and (sample.t_ns - core.newest_ns) * 1e-9 > self._max_imu_only_s:
                     self._health = IMU_ONLY
-                self._remember_pose()
+                self._memory.remember(core.nav, self._pose_covariance(), self._health != IMU_ONLY)
             if not is_plausible or self._has_lost_its_way:
                 self._declare_lost()
                 core.nav.t_ns[0] = sample.t_ns
@@ -425,18 +341,6 @@ class Dvio:
         covariance: Array = self._misfit**2 * nav.covariance[:6, :6] + self._anchor.covariance_at(nav.p, nav.R)
         return covariance
 
-    def _remember_pose(self) -> None:
-        """Keeps the pose as the last plausible one, and as the last sensible and the last held one where it is."""
-        nav = self._core.nav
-        self._valid_p[:], self._valid_R[:] = nav.p, nav.R
-        self._valid_covariance[:] = self._pose_covariance()
-        if nav.v @ nav.v < _RUNNING_SPEED_MPS**2:
-            self._sensible_p[:], self._sensible_ns = nav.p, int(nav.t_ns[0])
-            self._sensible_covariance[:] = self._valid_covariance
-        if self._health != IMU_ONLY:
-            self._held_p[:], self._held_ns = nav.p, int(nav.t_ns[0])
-            self._held_covariance[:] = self._valid_covariance
-
     @property
     def _has_lost_its_way(self) -> bool:
         """Whether dead reckoning is of no use: it moves as nobody does, or knows less than that somebody walks.
@@ -447,7 +351,7 @@ class Dvio:
             return False
         nav = self._core.nav
         speed_variance = float(nav.covariance[range(6, 9), range(6, 9)].sum())
-        return bool(speed_variance > _MAX_BLIND_SPEED_SD_MPS**2 or nav.v @ nav.v > _RUNNING_SPEED_MPS**2)
+        return bool(speed_variance > _MAX_BLIND_SPEED_SD_MPS**2 or nav.v @ nav.v > RUNNING_SPEED_MPS**2)
 
     def _wait_while_lost(self, t_ns: int) -> None:
         """Moves a lost state on to a time: the position stays, less certain; the attitude follows the gyroscope.
@@ -707,10 +611,8 @@ class Dvio:
     def _declare_lost(self) -> None:
         """Declares a failure: the health becomes `lost` until a new start.
 
-        `nav` becomes the last valid pose at rest without biases, with a large covariance. Where the speed was one at
-        which nobody moves, its position is the last one before that, and as uncertain as it has strayed since; where
-        dead reckoning knows less than that a wearer walks, it is the last one that images or depth held. Waiting images
-        and what the initializer has collected are dropped. If the odometry is lost already, its state stays.
+        `nav` becomes the pose that was known last, at rest without biases, with a large covariance. Waiting images and
+        what the initializer has collected are dropped. If the odometry is lost already, its state stays.
         """
         nav, was_lost = self._core.nav, self._health == LOST
         self._health, self._init_start_ns = LOST, None
@@ -720,31 +622,13 @@ class Dvio:
         if was_lost:
             # The position has become less certain since the failure; that must not be undone.
             return
-        now_ns = int(nav.t_ns[0])
-        nav.p[:], nav.R[:], nav.v[:], nav.bias[:] = self._valid_p, self._valid_R, 0.0, 0.0
-        covariance, self._lost_ns = self._valid_covariance.copy(), now_ns
-        strayed = self._valid_p - self._sensible_p
-        if self._sensible_ns < now_ns - _STRAYED_NS:
-            nav.p[:] = self._sensible_p
-            covariance[:] = self._sensible_covariance
-            covariance[range(3), range(3)] += _STRAYED_SHARE**2 * float(strayed @ strayed)
-        walked = strayed_variance((now_ns - self._held_ns) * 1e-9)
-        held_variance = float(np.trace(self._held_covariance[:3, :3])) + 3 * walked
-        if self._parameters.method.refines_all and held_variance < float(np.trace(covariance[:3, :3])):
-            nav.p[:], self._lost_ns = self._held_p, self._held_ns
-            covariance[:3], covariance[:, :3] = 0.0, 0.0
-            covariance[:3, :3] = self._held_covariance[:3, :3] + walked * np.eye(3)
+        known = self._memory.find_last_known(int(nav.t_ns[0]), self._parameters.method.refines_all)
+        nav.p[:], nav.R[:], nav.v[:], nav.bias[:] = known.p, known.R, 0.0, 0.0
+        self._lost_ns = known.t_ns
         # `_LOST_SD` has a value per three axes of position, attitude, velocity and the two biases; 0-5 are the pose
         nav.covariance[:] = np.diag(np.repeat(_LOST_SD, 3) ** 2)
-        nav.covariance[:6, :6] += covariance
+        nav.covariance[:6, :6] += known.covariance
         self._anchor, self._misfit = Anchor.exact(), 1.0
-
-
-def strayed_variance(lost_s: float) -> float:
-    """Variance of the position on each axis, m², that a wearer adds while the odometry is lost: docs/dvio.md (21)."""
-    share = lost_s / _LOST_MEMORY_S
-    lasting = 2 * (_LOST_SPEED_SD_MPS * _LOST_MEMORY_S) ** 2 * (share + math.expm1(-share))
-    return LOST_WALK_M_RTS**2 * lost_s + lasting
 
 
 def _attitude_from_gravity(force: Array, before: Array | None) -> Array:

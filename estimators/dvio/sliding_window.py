@@ -66,7 +66,6 @@ _FIXED_SD = 1e-7  # standard deviation of quantities that are not estimated
 # Error of the motion between two frames by the IMU alone beside its noise: of a tilt (rad), which gravity turns into an
 # acceleration, and of the gyroscope's bias (rad/s).
 _LINK_TILT_SD_RAD, _LINK_RATE_SD_RADPS = 0.02, 0.02
-_GRAVITY_MPS2 = 9.8  # for that
 _PLANES = 6  # largest number of planes read from a depth image
 
 
@@ -302,7 +301,7 @@ class SlidingWindow:
         z, dt = w.preintegrations.covariance[slot - 1], float(w.preintegrations.dt[slot - 1, 0])
         speed_variance = float(self.nav.covariance.diagonal()[6:9].max())
         covariance = z[:6, :6] + np.diag(
-            [speed_variance * dt**2 + (_LINK_TILT_SD_RAD * _GRAVITY_MPS2 * dt**2 / 2) ** 2] * 3
+            [speed_variance * dt**2 + (_LINK_TILT_SD_RAD * self.parameters.gravity_mps2 * dt**2 / 2) ** 2] * 3
             + [(_LINK_RATE_SD_RADPS * dt) ** 2] * 3
         )
         earlier = state_of(w.frames, slot - 1)

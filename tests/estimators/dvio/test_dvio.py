@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.dvio import METHODS, Dvio, DvioMethod, DvioParameters
-from stridetwin.estimators.dvio.filter import strayed_variance
+from stridetwin.estimators.dvio.loss import strayed_variance
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Depth, Image, Imu

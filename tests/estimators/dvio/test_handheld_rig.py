@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks import vio_handheld
 from stridetwin.estimators.dvio import Dvio
 from stridetwin.estimators.dvio.anchor import Anchor
-from stridetwin.estimators.dvio.filter import strayed_variance
+from stridetwin.estimators.dvio.loss import strayed_variance
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Depth, Imu
 from tests.estimators.dvio.test_dvio import errors
