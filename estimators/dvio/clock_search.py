@@ -38,6 +38,7 @@ _ROTATION_CAP = 6.0  # squared differences count up to this many times their med
 _RATE_FLOOR_RADPS = 0.005  # standard deviation of a rate beyond that, for rolling shutter and moving things
 _CORRELATED = 1.5  # neighbouring differences that count as one
 _MAX_SD_S = 0.003  # of a shift that is taken
+_FAR_OFF_SHARE, _MAX_FAR_OFF_SD_S = 1 / 7, 0.008  # the same, of the shift itself, and at most
 _PEAK_S = 0.04  # farther from the best shift all must be worse, by `_WORSE` variances
 _WORSE = 16.0
 _SETTLED_SD_S = 0.002  # a clock this well known, and near to the present one, is right
@@ -144,7 +145,9 @@ class ClockSearch:
         good &= np.abs(back - start).max(axis=(1, 2)) < _MAX_FORWARD_BACKWARD_PX
         self._corners, self._followed = self._corners[good], np.asarray(tracked[good], np.float32)
 
-    def find_offset(self, inertial: ImuBuffer, R_imu_camera: Array, offset_s: float, first_offset_s: float) -> float:
+    def find_offset(
+        self, inertial: ImuBuffer, R_imu_camera: Array, offset_s: float, first_offset_s: float, is_new: bool
+    ) -> float:
         """The camera's offset, s, if images have been used by one that was clearly wrong; otherwise `offset_s`.
 
         It sets `is_settled` once the offset is known to have been right.
@@ -154,6 +157,8 @@ class ClockSearch:
             R_imu_camera: (3, 3) IMU <- camera.
             offset_s: Present offset: the IMU's time less the camera's.
             first_offset_s: That with which the window began, and by which its first images were used.
+            is_new: Whether the odometry has begun a short time ago, or is lost. An offset that is far off need not be
+                known so well then, because the window refines it; a window that has tracked for long contradicts it.
         """
         if not self._has_new or len(self._rotations) < _MIN_PAIRS:
             return offset_s
@@ -162,7 +167,10 @@ class ClockSearch:
         rates = np.array([r.rate for r in self._rotations]) @ R_imu_camera.T
         covariances = R_imu_camera @ np.array([r.covariance for r in self._rotations]) @ R_imu_camera.T
         fit = fit_shift(spans + round(first_offset_s * 1e9), rates, covariances, inertial)
-        if fit is None or fit.sd_s > _MAX_SD_S or not fit.is_unique:
+        if fit is None or not fit.is_unique:
+            return offset_s
+        max_far_off_sd_s = min(_FAR_OFF_SHARE * abs(fit.shift_s), _MAX_FAR_OFF_SD_S) if is_new else 0.0
+        if fit.sd_s > max(_MAX_SD_S, max_far_off_sd_s):
             return offset_s
         if abs(fit.shift_s) > MIN_OFF_S and fit.advantage > _WORSE:
             return first_offset_s + fit.shift_s

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import ClassVar
 
 import cv2
@@ -22,9 +21,11 @@ from stridetwin.estimators.base import (
     Progress,
     Stream,
 )
-from stridetwin.estimators.dvio import kernel
+from stridetwin.estimators.dvio.anchor import Anchor
 from stridetwin.estimators.dvio.clock_search import ClockSearch
+from stridetwin.estimators.dvio.estimate import DvioEstimate
 from stridetwin.estimators.dvio.initializer import Alignment, Initializer
+from stridetwin.estimators.dvio.loss import RUNNING_SPEED_MPS, PoseMemory, strayed_variance
 from stridetwin.estimators.dvio.nav_state import STATIONARY_S, NavState, copy_of
 from stridetwin.estimators.dvio.parameters import METHODS, DvioParameters, method_parameters
 from stridetwin.estimators.dvio.sliding_window import STATIONARY_SPEED_SD_MPS, SlidingWindow
@@ -59,77 +60,13 @@ _LOST_SD = (0.5, 0.3, 1.0, 0.01, 0.1)
 _WRONG_CLOCK_SD = (0.1, 0.05, 0.3, 0.01, 0.1)
 _SCALE_AFTER_S = 4.0  # after a start in motion the bias shows an error of the accelerometer's scale
 _MAX_BIAS_SD_MPS2 = 0.05  # of the bias along gravity, from which it counts
-_RUNNING_SPEED_MPS = 6.0  # a faster wearer is an odometry that has failed already
-_STRAYED_NS = 100_000_000  # since when it has been one
-_STRAYED_SHARE = 0.5  # of the way since then, as standard deviation of the position
-LOST_WALK_M_RTS = 1.0
-"""Growth of the position error while lost, because the wearer walks on."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class DvioEstimate:
-    """Estimated state of the camera's IMU after one sample.
-
-    The world's z axis is up. Its origin is the IMU's first position; its x axis is the camera's first line of sight.
-
-    Attributes:
-        t_ns: Time of the sample.
-        pose: Pose of the IMU; valid unless the odometry is lost.
-        camera_pose: Estimated mount, the camera's pose in the IMU's frame; the same object until it changes.
-        v_imu_in_world: (3,) m/s, velocity of the IMU.
-        gyro_bias: (3,) rad/s, estimated bias of the gyroscope.
-        accel_bias: (3,) m/s², estimated bias of the accelerometer.
-        health: `tracking`; `depth_only`: images show too few points, but planes in the depth images hold the pose as
-            far as they constrain it; `imu_only`: dead reckoning; or `lost`: from a failure until a new start. While
-            lost, the pose is frozen and its covariance grows accordingly.
-    """
-
-    t_ns: int
-    pose: Pose
-    camera_pose: Pose
-    v_imu_in_world: Array
-    gyro_bias: Array
-    accel_bias: Array
-    health: str
-
-    @classmethod
-    def of(
-        cls, nav: NavState, health: str, camera_pose: Pose, frame: str = "", unmodelled: Array | None = None
-    ) -> DvioEstimate:
-        """The estimate of a propagated state, as copies; `frame` names the IMU, such as `head/imu`.
-
-        Args:
-            nav: The state; its time is that of the estimate.
-            health: `tracking`, `depth_only`, `imu_only` or `lost`; the pose is valid unless lost.
-            camera_pose: Estimated mount of the camera.
-            frame: Frame of the pose.
-            unmodelled: (3,) m², variance of the position beyond that of the state; None for none.
-        """
-        t_ns, covariance = int(nav.t_ns[0]), kernel.pose_covariance(nav)
-        if unmodelled is not None:
-            covariance[range(3), range(3)] += unmodelled
-        return cls(
-            t_ns=t_ns,
-            pose=Pose(
-                t_ns=t_ns,
-                p_frame_in_world=nav.p.copy(),
-                rotation=nav.R.copy(),
-                frame=frame,
-                covariance=covariance,
-                valid=health != LOST,
-            ),
-            camera_pose=camera_pose,
-            v_imu_in_world=nav.v.copy(),
-            gyro_bias=nav.bias[:3].copy(),
-            accel_bias=nav.bias[3:].copy(),
-            health=health,
-        )
-
-    @property
-    def covariance(self) -> Array:
-        """(6, 6) of the pose: position (m) and rotation about the world's axes (rad)."""
-        assert self.pose.covariance is not None
-        return self.pose.covariance
+_LOST_RATE_SD_RADPS = 0.01  # of the gyroscope's bias, by which the heading drifts while lost
+# Dead reckoning has lost its way where its speed is less certain than that of anybody who walks.
+_MAX_BLIND_SPEED_SD_MPS = 1.5
+# An IMU that seems so many times noisier than its part belongs to a rig that is not as calibrated: such errors last.
+_CREDIBLE_INFLATION = 3.0
+_NEW_S = 6.0  # time after a start in which a clock that is far off is found
+_MAX_REALIGN_S = 1.5  # after the clock was wrong, wait for vision and IMU to align
 
 
 MOUNTS = ("head", "chest")
@@ -203,7 +140,10 @@ class Dvio:
         # time from which the bias shows an error of the accelerometer's scale; None: that is done
         self._scale_due_ns: int | None = None
         self._way_m = 0.0  # horizontal way since the start
-        self._restarts_window = False  # whether the next image starts a new window, because the clock was wrong
+        # until when a new window waits for vision and IMU to align, because the clock was wrong; None: none waits
+        self._restart_due_ns: int | None = None
+        self._anchor = Anchor.exact()
+        self._misfit = 1.0  # factor on the standard deviations of the window, because the rig is not as calibrated
         self._camera_pose = self._camera_mount(0)
         # colour and depth images that wait for the IMU or for each other, oldest first
         self._images: deque[Image] = deque(maxlen=MAX_WAITING_IMAGES)
@@ -212,10 +152,9 @@ class Dvio:
         # time of the first image at which the present start was tried, on the IMU's clock; None: no start is going on
         self._init_start_ns: int | None = None
         self._health = ""  # TRACKING, DEPTH_ONLY, IMU_ONLY or LOST; "" before the first start
-        # the last plausible pose with its covariance, which is held while lost
-        self._valid_p, self._valid_R, self._valid_covariance = np.zeros(3), np.eye(3), np.zeros((6, 6))
-        # the same while the speed was last one at which people move, and when that was
-        self._sensible_p, self._sensible_covariance, self._sensible_ns = np.zeros(3), np.zeros((6, 6)), 0
+        self._memory = PoseMemory()
+        self._began_ns = 0  # when the odometry began, or began anew after a loss
+        self._lost_ns = 0  # when the odometry was lost, or held for the last time before
 
     @classmethod
     def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
@@ -354,7 +293,7 @@ class Dvio:
         """Processes an IMU sample: takes the images whose time it has reached, then propagates the state to its time.
 
         While lost, the state is not propagated: the pose is held, and the variance of its position grows with time. A
-        plausible state is kept in `_valid_p`, `_valid_R` and `_valid_covariance`; an implausible one means failure.
+        plausible state is remembered; an implausible one means failure.
         The health becomes `imu_only` once the newest frame is older than `_max_imu_only_s`.
 
         Returns:
@@ -376,25 +315,61 @@ class Dvio:
         if not self._health:  # not started yet
             return None
         if self._health == LOST:
-            # the position error is a random walk; 0-2 are the position's rows of the covariance
-            seconds = (sample.t_ns - int(core.nav.t_ns[0])) * 1e-9
-            core.nav.covariance[range(3), range(3)] += LOST_WALK_M_RTS**2 * max(seconds, 0.0)
-            core.nav.t_ns[0] = sample.t_ns
+            self._wait_while_lost(sample.t_ns)
         else:
             self._way_m += float(np.linalg.norm(core.nav.v[:2])) * (sample.t_ns - int(core.nav.t_ns[0])) * 1e-9
             core.propagate(sample.t_ns)
-            if core.is_plausible:
-                self._valid_p[:], self._valid_R[:] = core.nav.p, core.nav.R
-                self._valid_covariance[:] = core.nav.covariance[:6, :6]
-                if core.nav.v @ core.nav.v < _RUNNING_SPEED_MPS**2:
-                    self._sensible_p[:], self._sensible_ns = core.nav.p, sample.t_ns
-                    self._sensible_covariance[:] = self._valid_covariance
+            is_plausible = core.is_plausible
+            if is_plausible:
                 if self._health != IMU_ONLY and (sample.t_ns - core.newest_ns) * 1e-9 > self._max_imu_only_s:
                     self._health = IMU_ONLY
-            else:
+                self._memory.remember(core.nav, self._pose_covariance(), self._health != IMU_ONLY)
+            if not is_plausible or self._has_lost_its_way:
                 self._declare_lost()
                 core.nav.t_ns[0] = sample.t_ns
-        return DvioEstimate.of(core.nav, self._health, self._camera_pose, self._frame, self._unmodelled_variance())
+        reported = core.nav._replace(covariance=core.nav.covariance.copy())
+        reported.covariance[:6, :6] = self._pose_covariance()
+        return DvioEstimate.of(reported, self._health, self._camera_pose, self._frame, self._unmodelled_variance())
+
+    def _pose_covariance(self) -> Array:
+        """(6, 6) covariance of the pose of `nav`: position (m) and attitude (rad, about the IMU's axes).
+
+        That of the window, wider where the rig is not as calibrated, and of the world in which it began: docs/dvio.md
+        (22).
+        """
+        nav = self._core.nav
+        covariance: Array = self._misfit**2 * nav.covariance[:6, :6] + self._anchor.covariance_at(nav.p, nav.R)
+        return covariance
+
+    @property
+    def _has_lost_its_way(self) -> bool:
+        """Whether dead reckoning is of no use: it moves as nobody does, or knows less than that somebody walks.
+
+        The methods of others go on until their state is impossible.
+        """
+        if self._health != IMU_ONLY or not self._parameters.method.refines_all:
+            return False
+        nav = self._core.nav
+        speed_variance = float(nav.covariance[range(6, 9), range(6, 9)].sum())
+        return bool(speed_variance > _MAX_BLIND_SPEED_SD_MPS**2 or nav.v @ nav.v > RUNNING_SPEED_MPS**2)
+
+    def _wait_while_lost(self, t_ns: int) -> None:
+        """Moves a lost state on to a time: the position stays, less certain; the attitude follows the gyroscope.
+
+        The velocity is unknown and lasts for a while: its part of the variance of the position grows with the square of
+        the time at first, then in proportion to it.
+        """
+        core, nav = self._core, self._core.nav
+        before_ns = int(nav.t_ns[0])
+        turned = core.rotation_between(before_ns, t_ns)
+        nav.R[:] = nav.R @ turned
+        nav.covariance[3:6, 3:6] = turned.T @ nav.covariance[3:6, 3:6] @ turned
+        nav.covariance[:3, 3:6] = nav.covariance[:3, 3:6] @ turned
+        nav.covariance[3:6, :3] = nav.covariance[:3, 3:6].T
+        lost_s = [max(t - self._lost_ns, 0) * 1e-9 for t in (before_ns, t_ns)]
+        nav.covariance[range(3), range(3)] += strayed_variance(lost_s[1]) - strayed_variance(lost_s[0])
+        nav.covariance[range(3, 6), range(3, 6)] += _LOST_RATE_SD_RADPS**2 * (lost_s[1] ** 2 - lost_s[0] ** 2)
+        nav.t_ns[0] = t_ns
 
     def _unmodelled_variance(self) -> Array | None:
         """(3,) m², variance of the position by errors that all images share, docs/dvio.md (20); None for none.
@@ -442,16 +417,19 @@ class Dvio:
         t_ns, newest_frame_ns = core.imu_time(frame.t_ns), core.newest_ns  # both on the IMU's clock
         if t_ns <= newest_frame_ns:
             return
+        if self._realigns(frame, t_ns):
+            return
         is_blind = (t_ns - newest_frame_ns) * 1e-9 > _MAX_BLIND_S or not core.is_imu_complete
-        if is_blind or self._restarts_window:
+        if is_blind or self._restart_due_ns is not None:
             # `nav` may be later than the image, which can arrive after later IMU samples. An image from before the IMU
             # samples that are kept is skipped.
             if core.rewind_to(t_ns):
                 core.start(frame, core.nav.covariance.copy())
                 self._health = self._health_of_newest()
-                self._restarts_window = False
+                self._restart_due_ns = None
             return
         core.process_image(frame, core.inertial.is_stationary(t_ns))
+        self._misfit = max(self._misfit, float(core.inflation.factor.max()) / _CREDIBLE_INFLATION)
         if core.is_resting and self._clock is not None and not self._clock.is_settled:
             self._resting_state = copy_of(core.nav)
         self._health = self._health_of_newest()
@@ -459,6 +437,36 @@ class Dvio:
             self._declare_lost()
         elif self._health == TRACKING and self._scale_due_ns is not None and t_ns >= self._scale_due_ns:
             self._correct_force_scale(frame)
+
+    def _realigns(self, frame: CameraFrame, t_ns: int) -> bool:
+        """Tries to align vision and IMU anew where the window fails; returns whether the image is used.
+
+        A window whose points are lost finds no new ones while its velocity is uncertain: points of unknown depth move
+        as they like. An alignment needs no velocity. Position and heading remain, with the uncertainty that they have.
+        After a wrong clock the image also counts as used while a new window waits for the alignment.
+        """
+        core, waits = self._core, self._restart_due_ns is not None
+        if not self._parameters.method.refines_all:
+            return False
+        if self._health != IMU_ONLY and not waits:
+            self._initializer.reset()
+            return False
+        alignment = self._initializer.process_image(frame)
+        nav = core.nav
+        is_better = alignment is not None and (
+            waits
+            or float(alignment.covariance[range(2, 5), range(2, 5)].sum()) < float(np.trace(nav.covariance[6:9, 6:9]))
+        )
+        if alignment is not None and is_better and core.rewind_to(t_ns):
+            nav = core.nav
+            self._anchor = Anchor.at(nav.p, nav.R, self._pose_covariance())
+            self._misfit, self._resting_state = 1.0, None
+            core.start(frame, self._init_from_alignment(alignment, nav.R.copy()))
+            self._initializer.reset()
+            self._health, self._restart_due_ns = self._health_of_newest(), None
+            self._scale_due_ns = t_ns + round(_SCALE_AFTER_S * 1e9)
+            return True
+        return self._restart_due_ns is not None and t_ns < self._restart_due_ns
 
     def _health_of_newest(self) -> str:
         """How the newest frame is held: by points in the image, by planes in the depth image, or by the IMU alone."""
@@ -495,21 +503,27 @@ class Dvio:
         clock.add_image(frame.t_ns, frame.grey, frame.depth if self._parameters.method.uses_depth else None)
         mount = core.window.calibration
         offset_s = float(mount.offset[0])
-        corrected_s = clock.find_offset(core.inertial, mount.R, offset_s, core.first_offset_s)
+        resting = self._resting_state
+        if resting is not None and not core.inertial.covers(int(resting.t_ns[0])):
+            resting = None
+        # a state at rest is right whatever the clock, so that there is time to know it well
+        is_new = resting is None and (frame.t_ns - self._began_ns) * 1e-9 < _NEW_S
+        is_new |= self._health not in _RUNNING
+        corrected_s = clock.find_offset(core.inertial, mount.R, offset_s, core.first_offset_s, is_new)
         if corrected_s == offset_s:
             return False
         mount.offset[0] = core.first_offset_s = corrected_s
         self._initializer.reset()
         if self._health not in _RUNNING:
             return True
-        resting, now_ns = self._resting_state, int(core.nav.t_ns[0])
-        if resting is not None and core.inertial.covers(int(resting.t_ns[0])):
+        now_ns = self._restart_due_ns = int(core.nav.t_ns[0])
+        if resting is not None:
             core.return_to(resting)
         else:
             core.nav.covariance[:] += np.diag(np.repeat(_WRONG_CLOCK_SD, 3) ** 2)
             core.return_to(core.nav)
+            self._restart_due_ns += round(_MAX_REALIGN_S * 1e9)
         core.propagate(now_ns)
-        self._restarts_window = True
         return True
 
     def _initialize(self, frame: CameraFrame) -> None:
@@ -517,13 +531,14 @@ class Dvio:
 
         - A stationary sensor starts at once, from the mean rate and force of the last `STATIONARY_S`.
         - A moving one starts once vision and IMU align (`Initializer`), from the result of the alignment.
-        - If they have not aligned within `_MAX_ALIGN_S`, it starts from the mean force of the last `_MEAN_FORCE_S`.
+        - If they have not aligned within `_MAX_ALIGN_S`, it starts from the mean force of the last `_MEAN_FORCE_S`; not
+          after a failure, where a guess of the velocity fails again.
 
         After a start with enough points the health is `tracking`; otherwise the next image tries again.
         `_init_start_ns` is the time of the first try. Nothing happens if the IMU samples do not reach back to the
         image.
         """
-        core = self._core
+        core, lost_state = self._core, copy_of(self._core.nav)
         t_ns = core.imu_time(frame.t_ns)
         if not core.inertial.covers(t_ns):
             return
@@ -531,35 +546,44 @@ class Dvio:
             self._init_start_ns = t_ns
         self._scale_due_ns = t_ns + round(_SCALE_AFTER_S * 1e9)
         resting = core.inertial.is_stationary(t_ns)
+        # the previous attitude at the time of the image, whose heading is kept after a failure
+        before = None
+        if self._health == LOST:
+            before = lost_state.R @ core.rotation_between(t_ns, int(lost_state.t_ns[0])).T
+        may_guess = self._health != LOST or not self._parameters.method.refines_all
         # The initializer needs every image of a moving sensor: it collects them until they align.
         if not resting and (alignment := self._initializer.process_image(frame)) is not None:
-            covariance = self._init_from_alignment(alignment)
-        elif resting or (t_ns - self._init_start_ns) * 1e-9 >= _MAX_ALIGN_S:
+            covariance = self._init_from_alignment(alignment, before)
+        elif resting or (may_guess and (t_ns - self._init_start_ns) * 1e-9 >= _MAX_ALIGN_S):
             averaged_s = STATIONARY_S if resting else _MEAN_FORCE_S
             samples = core.inertial.since(t_ns - round(averaged_s * 1e9), t_ns)  # (N, 6) rate and force
             if not len(samples):  # a gap in the IMU
                 return
-            covariance = self._init_from_gravity(samples.mean(axis=0), resting)
+            covariance = self._init_from_gravity(samples.mean(axis=0), resting, before)
         else:  # moving, not aligned yet, and there is still time
             return
         core.nav.t_ns[0] = t_ns
         core.start(frame, covariance)
         self._initializer.reset()
         if core.is_tracking:
-            self._init_start_ns, self._health = None, TRACKING
+            if self._health == LOST:
+                self._anchor = Anchor.at(lost_state.p, core.nav.R, lost_state.covariance[:6, :6])
+            self._init_start_ns, self._health, self._began_ns = None, TRACKING, t_ns
+        elif self._health == LOST:
+            core.return_to(lost_state)
 
-    def _init_from_gravity(self, mean: Array, resting: bool) -> Array:
+    def _init_from_gravity(self, mean: Array, resting: bool, before: Array | None) -> Array:
         """Sets attitude, velocity and biases of `nav` from the mean rate and force (6,) of recent samples.
 
-        The force gives the vertical. The heading is 0 at a first start, and that of the last valid pose after a
-        failure. The velocity becomes 0, and if `resting`, the mean rate is the gyroscope's bias. The position stays.
+        The force gives the vertical. The heading is 0 at a first start, and that of the attitude `before`, (3, 3) world
+        <- IMU, after a failure. The velocity becomes 0, and if `resting`, the mean rate is the gyroscope's bias. The
+        position stays.
 
         Returns:
-            (15, 15) covariance of that state.
+            (15, 15) covariance of that state in its own world, whose origin and heading are exact.
         """
         nav = self._core.nav
-        position_covariance, heading_sd = self._start_uncertainty()
-        nav.R[:] = _attitude_from_gravity(mean[3:], nav.R if self._health == LOST else None)
+        nav.R[:] = _attitude_from_gravity(mean[3:], before)
         if resting:
             self._core.correct_force_scale(float(np.linalg.norm(mean[3:])) - self._parameters.gravity_mps2)
             self._scale_due_ns = None
@@ -568,58 +592,43 @@ class Dvio:
             nav.bias[:3] = mean[:3]
         tilt_sd = _RESTING_TILT_SD_RAD if resting else _MOVING_TILT_SD_RAD
         speed_sd = STATIONARY_SPEED_SD_MPS if resting else _MOVING_SPEED_SD_MPS
-        return self._core.start_covariance(position_covariance, heading_sd, tilt_sd, speed_sd)
+        return self._core.start_covariance(_START_SD**2 * np.eye(3), _START_SD, tilt_sd, speed_sd)
 
-    def _init_from_alignment(self, alignment: Alignment) -> Array:
+    def _init_from_alignment(self, alignment: Alignment, before: Array | None) -> Array:
         """Sets attitude, velocity and biases of `nav` from an alignment; the position of `nav` stays.
 
-        The heading is 0 at a first start, and that of the last valid pose after a failure.
+        The heading is 0 at a first start, and that of the attitude `before`, (3, 3) world <- IMU, afterwards.
 
         Returns:
-            (15, 15) covariance of that state.
+            (15, 15) covariance of that state in its own world, whose origin and heading are exact.
         """
         nav = self._core.nav
-        position_covariance, heading_sd = self._start_uncertainty()
-        nav.R[:] = _attitude_from_gravity(alignment.up, nav.R if self._health == LOST else None)
+        nav.R[:] = _attitude_from_gravity(alignment.up, before)
         # `v[-1]` is the velocity at the newest image, in the axes of the IMU there
         nav.v[:], nav.bias[:] = nav.R @ alignment.v[-1], alignment.bias
-        return alignment.state_covariance(nav.R, position_covariance, heading_sd)
-
-    def _start_uncertainty(self) -> tuple[Array, float]:
-        """Uncertainty of position (3, 3) m² and heading, rad, of a start.
-
-        A first start defines the world, so both are tiny; after a failure they are those of the last valid pose.
-        """
-        nav = self._core.nav
-        if self._health != LOST:
-            return _START_SD**2 * np.eye(3), _START_SD
-        up = nav.R.T @ np.array([0.0, 0.0, 1.0])  # the world's z axis in the IMU's axes: a heading error turns about it
-        return nav.covariance[:3, :3].copy(), float(np.sqrt(up @ nav.covariance[3:6, 3:6] @ up))
+        return alignment.state_covariance(nav.R, _START_SD**2 * np.eye(3), _START_SD)
 
     def _declare_lost(self) -> None:
         """Declares a failure: the health becomes `lost` until a new start.
 
-        `nav` becomes the last valid pose at rest without biases, with a large covariance. Where the speed was one at
-        which nobody moves, its position is the last one before that, and as uncertain as it has strayed since. Waiting
-        images and what the initializer has collected are dropped. If the odometry is lost already, its state stays.
+        `nav` becomes the pose that was known last, at rest without biases, with a large covariance. Waiting images and
+        what the initializer has collected are dropped. If the odometry is lost already, its state stays.
         """
         nav, was_lost = self._core.nav, self._health == LOST
         self._health, self._init_start_ns = LOST, None
-        self._resting_state, self._restarts_window = None, False
+        self._resting_state, self._restart_due_ns = None, None
         self._images.clear()
         self._initializer.reset()
         if was_lost:
             # The position has become less certain since the failure; that must not be undone.
             return
-        nav.p[:], nav.R[:], nav.v[:], nav.bias[:] = self._valid_p, self._valid_R, 0.0, 0.0
+        known = self._memory.find_last_known(int(nav.t_ns[0]), self._parameters.method.refines_all)
+        nav.p[:], nav.R[:], nav.v[:], nav.bias[:] = known.p, known.R, 0.0, 0.0
+        self._lost_ns = known.t_ns
         # `_LOST_SD` has a value per three axes of position, attitude, velocity and the two biases; 0-5 are the pose
         nav.covariance[:] = np.diag(np.repeat(_LOST_SD, 3) ** 2)
-        strayed = self._valid_p - self._sensible_p
-        if self._sensible_ns < int(nav.t_ns[0]) - _STRAYED_NS:
-            nav.p[:], self._valid_p[:] = self._sensible_p, self._sensible_p
-            self._valid_covariance[:] = self._sensible_covariance
-            nav.covariance[range(3), range(3)] += _STRAYED_SHARE**2 * float(strayed @ strayed)
-        nav.covariance[:6, :6] += self._valid_covariance
+        nav.covariance[:6, :6] += known.covariance
+        self._anchor, self._misfit = Anchor.exact(), 1.0
 
 
 def _attitude_from_gravity(force: Array, before: Array | None) -> Array:

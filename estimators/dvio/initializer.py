@@ -24,7 +24,7 @@ from stridetwin.estimators.dvio.structure_from_motion import (
     structure_with_depth,
     structure_without_depth,
 )
-from stridetwin.estimators.dvio.tracker import CameraFrame
+from stridetwin.estimators.dvio.tracker import CameraFrame, Tracker
 from stridetwin.streams.algebra.arrays import exp, hat, log, matvec
 from stridetwin.streams.samples import Array
 
@@ -42,6 +42,7 @@ _MIN_INTERVAL_S = 0.09  # between images that are kept
 _MAX_GAP_S = 0.5  # points are not followed over a longer one
 _MAX_TILT_SD_RAD, _MAX_SPEED_SD_MPS = 0.03, 0.1  # while vertical or velocity are less certain, collection continues
 _MAX_GRAVITY_ERROR = 0.3  # relative, of the gravity that the linear alignment finds
+_MAX_SCALE_STEP = 5.0  # of the logarithm of the scale, beyond which the problem has no solution nearby
 _MAX_MISFIT = 3.0  # mean squared residual, in variances, beyond which vision and IMU contradict each other
 
 
@@ -295,7 +296,7 @@ def _refine(s: CameraMotion, structure: Structure, z: Preintegration, rates: Arr
         except np.linalg.LinAlgError:
             return None
         e[free] = P @ b[free]
-        if not np.isfinite(e).all():
+        if not np.isfinite(e).all() or abs(e[TILT + 8]) > _MAX_SCALE_STEP:
             return None
         s = _apply_step(s, e, K)
         # Attitude errors add to first order, as their information is of that order.
@@ -411,6 +412,7 @@ class Initializer:
     def __init__(self, core: SlidingWindow) -> None:
         """Begins without images; `core` provides tracker, lens, IMU samples and calibration."""
         self._core = core
+        self._tracker = Tracker(core.lens.shape)  # of its own: a window may track meanwhile
         # Times on the IMU's clock of the images kept so far, and of the last image, kept or not.
         self._t_ns: list[int] = []
         self._before_ns = 0
@@ -440,7 +442,7 @@ class Initializer:
         is_covered = not self._t_ns or core.inertial.covers(self._t_ns[0])
         if not is_covered or (self._t_ns and not 0 < t_ns - self._before_ns < _MAX_GAP_S * 1e9):
             self.reset()
-        core.tracker.set_image(frame.grey)
+        self._tracker.set_image(frame.grey)
         self._track(t_ns)
         self._before_ns = t_ns
         if self._t_ns and (t_ns - self._t_ns[-1]) * 1e-9 < _MIN_INTERVAL_S:
@@ -469,7 +471,7 @@ class Initializer:
         # (N, 3) in the new camera; a depth of at least 0.2 keeps points that have left the view finite
         rays = directions(core.lens.to_normalized(previous_px)) @ (R_ic.T @ z.delta_R @ R_ic)
         expected_px = core.lens.pixels(rays[:, :2] / np.maximum(rays[:, 2:], 0.2))
-        tracked_px, good = core.tracker.track(previous_px, expected_px)
+        tracked_px, good = self._tracker.track(previous_px, expected_px)
         self._alive[ids] = good
         self._pixels[ids] = tracked_px
 
@@ -488,7 +490,7 @@ class Initializer:
         self._t_ns.append(t_ns)
         free = np.flatnonzero(~self._seen[:k].any(axis=0) & ~self._alive)
         wanted = min(core.parameters.landmarks - int(self._alive.sum()), len(free))
-        points = core.tracker.find(self._pixels[self._alive], wanted)
+        points = self._tracker.find(self._pixels[self._alive], wanted)
         new = free[: len(points)]
         self._pixels[new], self._alive[new] = points, True
         ids = np.flatnonzero(self._alive)

@@ -28,6 +28,8 @@ from stridetwin.streams.samples import Array
 # Share of the diagonal that Levenberg-Marquardt adds to it: at first, and the one above which it gives up. The first
 # must be so small that it is no information on the absolute position: 1e-9 of the IMU's is that of 1 to 3 m.
 _FIRST_DAMPING, _MOST_DAMPING = 1e-13, 1e2
+# Added to the information of the frame that is eliminated, whose diagonal is scaled to 1, so that it can be inverted.
+_LEAST_INFORMATION = 1e-15
 
 
 class Work(NamedTuple):
@@ -243,7 +245,7 @@ def eliminate_oldest(H: Array, b: Array) -> tuple[Array, Array]:
     oldest, remaining = slice(CALIBRATION, CALIBRATION + FRAME), np.r_[:CALIBRATION, CALIBRATION + FRAME : len(b)]
     scale = np.maximum(full.diagonal()[oldest], 1e-12) ** -0.5  # which makes the diagonal of H_oo 1
     scales = np.outer(scale, scale)
-    H_oo_inverse = np.linalg.inv(full[oldest, oldest] * scales + 1e-12 * np.eye(FRAME)) * scales
+    H_oo_inverse = np.linalg.inv(full[oldest, oldest] * scales + _LEAST_INFORMATION * np.eye(FRAME)) * scales
     gain = full[remaining, oldest] @ H_oo_inverse  # H_ro H_oo⁻¹
     reduced = np.tril(full[np.ix_(remaining, remaining)] - gain @ full[oldest, remaining])
     return reduced + np.tril(reduced, -1).T, b[remaining] - gain @ b[oldest]

@@ -66,7 +66,6 @@ _FIXED_SD = 1e-7  # standard deviation of quantities that are not estimated
 # Error of the motion between two frames by the IMU alone beside its noise: of a tilt (rad), which gravity turns into an
 # acceleration, and of the gyroscope's bias (rad/s).
 _LINK_TILT_SD_RAD, _LINK_RATE_SD_RADPS = 0.02, 0.02
-_GRAVITY_MPS2 = 9.8  # for that
 _PLANES = 6  # largest number of planes read from a depth image
 
 
@@ -302,7 +301,7 @@ class SlidingWindow:
         z, dt = w.preintegrations.covariance[slot - 1], float(w.preintegrations.dt[slot - 1, 0])
         speed_variance = float(self.nav.covariance.diagonal()[6:9].max())
         covariance = z[:6, :6] + np.diag(
-            [speed_variance * dt**2 + (_LINK_TILT_SD_RAD * _GRAVITY_MPS2 * dt**2 / 2) ** 2] * 3
+            [speed_variance * dt**2 + (_LINK_TILT_SD_RAD * self.parameters.gravity_mps2 * dt**2 / 2) ** 2] * 3
             + [(_LINK_RATE_SD_RADPS * dt) ** 2] * 3
         )
         earlier = state_of(w.frames, slot - 1)
@@ -319,6 +318,16 @@ class SlidingWindow:
         self._propagate(self.nav, until_ns)
         # A state from before the samples that are kept could not be propagated any more.
         self._propagate(self._previous, self.inertial.oldest_retained_ns)
+
+    def rotation_between(self, start_ns: int, end_ns: int) -> Array:
+        """(3, 3) rotation by the gyroscope, from the IMU's axes at a later time to those at an earlier one.
+
+        The bias of `nav` is taken off; the samples must reach back to the earlier time.
+        """
+        z = blank_preintegration()
+        if end_ns > start_ns:
+            kernel.integrate(z, self.inertial.imu_samples, start_ns, end_ns, self.nav.bias, self.noise)
+        return z.delta_R
 
     def correct_force_scale(self, excess_mps2: float) -> float:
         """Corrects the scale of the accelerometer by an excess of force along gravity.

@@ -96,5 +96,5 @@ def test_images_without_texture_say_nothing():
     search, blank = ClockSearch(Lens(rig().cameras["/head/color"])), np.full((240, 320), 90, np.uint8)
     for k in range(30):
         search.add_image(k * 33_000_000, blank, None)
-    assert search.find_offset(gyroscope(3.0, np.zeros(3)), np.eye(3), 0.004, 0.0) == 0.004
+    assert search.find_offset(gyroscope(3.0, np.zeros(3)), np.eye(3), 0.004, 0.0, True) == 0.004
     assert not search.is_settled

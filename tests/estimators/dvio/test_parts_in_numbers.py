@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.dvio import DvioParameters, level, nav_state, plane_cells
-from stridetwin.estimators.dvio.filter import DvioEstimate
+from stridetwin.estimators.dvio.estimate import DvioEstimate
 from stridetwin.estimators.dvio.level import LevelGround, Slope
 from stridetwin.estimators.dvio.nav_state import ImuBuffer, blank_nav_state
 from stridetwin.estimators.dvio.sliding_window import SlidingWindow
