@@ -60,7 +60,7 @@ def refuse(source, members):
 
 
 def allocate(source, members):
-    return [str(np.ones(60 << 17).sum())]  # 60 MiB
+    return [str(np.ones(240 << 17).sum())]  # 240 MiB: garbage that is collected meanwhile does not hide it
 
 
 def wait(source, members):
