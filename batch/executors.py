@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -16,6 +15,7 @@ from uuid import uuid4
 from stridetwin.batch.jobs import Failure, Job, ResultT, Task, Work, run_group
 from stridetwin.batch.processes import open_pool
 from stridetwin.streams.errors import StrideTwinError, explain_import_error
+from stridetwin.streams.notices import warn
 
 _MAX_DEATHS = 3  # groups in a row whose worker died; then the batch stops
 _DIED = Failure("its worker died; it may have run out of memory")
@@ -124,9 +124,7 @@ class _Pool(Executor):
                 self._resources.close()
                 self._pool = None
                 names = ", ".join(map(_name_of, running.values()))
-                print(
-                    f"stridetwin: warning: a worker died; repeated, each in its own process: {names}", file=sys.stderr
-                )
+                warn(f"a worker died; repeated, each in its own process: {names}")
                 for group in running.values():
                     repeated_results = _run_alone(work, versions, group)  # None: its worker died again
                     failed_groups = [] if repeated_results is not None else _add_failed_group(failed_groups, group)

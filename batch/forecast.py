@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from datetime import timedelta
 
-from stridetwin.streams.errors import to_line
+from stridetwin.streams.notices import warn
 
 _LONG_S = 600.0
 """A time left of more than this is announced."""
-
-
-def warn(text: str) -> None:
-    """Prints a warning on stderr."""
-    print(to_line(f"stridetwin: warning: {text}"), file=sys.stderr, flush=True)
 
 
 class Forecast:

@@ -60,7 +60,7 @@ def estimate_command(arguments: EstimateOptions, progress: Progress) -> Outcome:
     outputs, lines, poses = _run_on_source(arguments, estimator_class, kind, options, parameters, progress)
     for output in outputs:
         if isinstance(output.estimates, PathEstimate):
-            print_warnings(Path(output.name), output.estimates.notes)
+            print_warnings(output.name, output.estimates.notes)
     file_options = FileOptions(mesh=arguments.mesh, dead_reckoning=arguments.dead_reckoning)
     written = [kind.write(output, part_file(arguments.output, output.part), file_options) for output in outputs]
     files = [str(file) for of_output in written for file in of_output.files]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -35,9 +34,10 @@ from stridetwin.outputs.coverage import describe_partial
 from stridetwin.outputs.parameters import check_used, parse_parameters
 from stridetwin.outputs.registry import kind_with_scores, kinds
 from stridetwin.scenarios.score_needs import estimators_of
-from stridetwin.streams.errors import ConfigError, StrideTwinError, explain_import_error, to_line
+from stridetwin.streams.errors import ConfigError, StrideTwinError, explain_import_error
 from stridetwin.streams.files import atomic_file
 from stridetwin.streams.formats.trajectory_options import NO_OPTIONS
+from stridetwin.streams.notices import warn
 from stridetwin.streams.recording.reader import Recording
 
 
@@ -250,7 +250,7 @@ def warn_of_partial(walks: Sequence[tuple[str, Mapping[str, Scores]]]) -> None:
         walks: Name of each walk, and its scores by output.
     """
     for warning in describe_partial(walks):
-        print(to_line(f"stridetwin: warning: {warning}"), file=sys.stderr)
+        warn(warning)
 
 
 def _split_assignment(text: str, option: str, what: str) -> tuple[str, str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -25,6 +24,7 @@ from stridetwin.cli.options import (
 )
 from stridetwin.scenarios.built_in import experiments
 from stridetwin.streams.errors import FieldLocation, explain_import_error, missing_library_error
+from stridetwin.streams.notices import note
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -114,13 +114,8 @@ def experiment_command(arguments: ExperimentOptions, progress: Progress) -> Outc
         keep=arguments.keep,
         parameters=parse_parameters(arguments.parameters),
     )
-    result = run_experiment(arguments.experiment, options, progress, _announce)
+    result = run_experiment(arguments.experiment, options, progress, note)
     return Outcome(data=result, lines=study.table(result))
-
-
-def _announce(text: str) -> None:
-    """Prints a note on stderr about what comes, before it starts."""
-    print(f"stridetwin: note: {text}", file=sys.stderr, flush=True)
 
 
 def _study_command(arguments: ExperimentOptions, progress: Progress) -> Outcome:
@@ -153,7 +148,7 @@ def _study_command(arguments: ExperimentOptions, progress: Progress) -> Outcome:
         resume=arguments.resume,
         parameters=parameters,
     )
-    result = run_study(read_study(path, parameters), options, progress, _announce)
+    result = run_study(read_study(path, parameters), options, progress, note)
     means = table(table_rows(result), table_head(result), text_columns=len(result["factors"]) + 1)
     page = (options.folder / REPORT).absolute().as_uri()
     # `words` are sentences on what the study shows; a blank line separates them from the page's address

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -24,7 +23,8 @@ from stridetwin.scenarios.cost import Cost, cost_of, scale_cost
 from stridetwin.scenarios.scenario_file import CAMERAS, Scenario, catalogue, load_scenario
 from stridetwin.scenarios.score_needs import estimators_of, sensors_of, with_sensors_for
 from stridetwin.sim.parts.sensor_config import KIND
-from stridetwin.streams.errors import ConfigError, StrideTwinError, to_line
+from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.notices import note
 from stridetwin.streams.validation import suggest
 
 _PRICED_WALKS = 20  # of a campaign, whose cost is announced by that of these
@@ -147,7 +147,7 @@ def _announce_campaign(campaign: Campaign, options: CampaignOptions, missing: Se
 def _announce(cost: Cost, workers: int = 1, more: str = "") -> None:
     """Prints the cost of walks on stderr if it is long."""
     if cost.is_long:
-        print(f"stridetwin: note: {cost.describe(workers)}{more}", file=sys.stderr, flush=True)
+        note(f"{cost.describe(workers)}{more}")
 
 
 def _list_switched_off(campaign: Campaign, arguments: GenerateOptions) -> tuple[str, ...]:
@@ -179,8 +179,8 @@ def _record_walk(arguments: GenerateOptions, progress: Progress) -> Outcome:
 def load_with_notes(name: str) -> Scenario:
     """Loads a scenario by its name in the catalogue or its file, and prints its notes on stderr."""
     scenario = load_scenario(name)
-    for note in scenario.notes:
-        print(to_line(f"stridetwin: note: {note}"), file=sys.stderr)
+    for text in scenario.notes:
+        note(text)
     return scenario
 
 

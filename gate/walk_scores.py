@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -29,8 +28,9 @@ from stridetwin.scenarios.campaign import manifest
 from stridetwin.scenarios.campaign.walk import ACCEPTED, RECORDINGS
 from stridetwin.scenarios.files import sha256
 from stridetwin.scenarios.record import Progress
-from stridetwin.streams.errors import StrideTwinError, to_line, was_interrupted
+from stridetwin.streams.errors import StrideTwinError, was_interrupted
 from stridetwin.streams.formats.opening import open_with_warnings
+from stridetwin.streams.notices import warn
 from stridetwin.streams.recording.reader import Recording
 
 OnEvaluated = Callable[[Recording, Sequence[KindEvaluations]], None]
@@ -127,7 +127,7 @@ def _jobs_of_campaign(folder: Path, settings: dict[str, Any]) -> list[ScoringJob
     unlisted = {file.name for file in (folder / RECORDINGS).glob("*.mcap")} - {job.path.name for job in jobs}
     if unlisted:
         text = f"{len(unlisted)} recordings, such as {min(unlisted)}, are not in {path}; they are not scored"
-        print(to_line(f"stridetwin: warning: {folder / RECORDINGS}: {text}"), file=sys.stderr)
+        warn(f"{folder / RECORDINGS}: {text}")
     return jobs
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from pathlib import Path
 
 from stridetwin.outputs.path.quaternion_order import (
@@ -14,7 +13,8 @@ from stridetwin.outputs.path.quaternion_order import (
     turn_of_frame,
 )
 from stridetwin.outputs.truth import true_path
-from stridetwin.streams.errors import ConfigError, to_line
+from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.formats.opening import print_warnings
 from stridetwin.streams.formats.trajectory_columns import METRES, W_FIRST
 from stridetwin.streams.formats.trajectory_file import TrajectoryFile, read_trajectory
 from stridetwin.streams.formats.trajectory_options import NO_OPTIONS, TrajectoryOptions
@@ -56,8 +56,7 @@ def read_estimate(
     notes = Notes(file, lenient=False)
     read = read_trajectory(file, options, span_ns=span_of(recording), notes=notes)
     read = settle_order(read, recording, frame, notes, may_tilt=alignment == "se3")
-    for warning in notes.warnings:
-        print(to_line(f"stridetwin: warning: {name or file}: {warning}"), file=sys.stderr)
+    print_warnings(name or file, notes.warnings)
     return read.path
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from stridetwin.streams.depth_planes import choose_views, find_implausible_views
-from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError, read_error, to_line
+from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError, read_error
 from stridetwin.streams.formats import euroc, iphone, openloris, seven_scenes, tum_rgbd
 from stridetwin.streams.formats.aria_vrs import read_aria_vrs
 from stridetwin.streams.formats.assumed_calibration import read_first_image_size, with_assumed_calibration
@@ -34,6 +33,7 @@ from stridetwin.streams.formats.unknown_folder import (
     describe_unknown,
 )
 from stridetwin.streams.kalibr import read_rig
+from stridetwin.streams.notices import warn
 from stridetwin.streams.plausible import DEPTH_UNITS, IMAGE_RATES_HZ, find_implausible_rates, find_implausible_values
 from stridetwin.streams.recording.imported import IMPORTED_FROM, ImageStream, ImportedContents, Source
 from stridetwin.streams.recording.index import Notes, Problem, is_stridetwin_recording, read_calibration
@@ -280,10 +280,10 @@ def open_with_warnings(
     return recording
 
 
-def print_warnings(path: Path, warnings: Iterable[str]) -> None:
+def print_warnings(source: Path | str, warnings: Iterable[str]) -> None:
     """Prints warnings about a source on stderr."""
     for warning in warnings:
-        print(to_line(f"stridetwin: warning: {path}: {warning}"), file=sys.stderr)
+        warn(f"{source}: {warning}")
 
 
 def _recognise_folder(path: Path) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +17,7 @@ from stridetwin.sim.exo_description import OwnExo
 from stridetwin.sim.gait.reference import Reference, plan_reference
 from stridetwin.sim.twin import Twin
 from stridetwin.sim.wearer.dimensions import Wearer
+from stridetwin.streams.notices import note
 
 PlanT = TypeVar("PlanT")
 Arguments = tuple[object, ...]
@@ -60,7 +60,7 @@ def _cache_function(memory: Memory, version: str, function: Callable[..., PlanT]
 
     def plan(key: Arguments, version: str, arguments: Arguments) -> PlanT:
         """Plans with the arguments; `key` and `version` only identify the result in the cache."""
-        print(f"stridetwin: note: planning {what}; kept in {memory.location} for the next time", file=sys.stderr)
+        note(f"planning {what}; kept in {memory.location} for the next time")
         return function(*arguments)
 
     plan.__qualname__ = function.__name__  # joblib names the folder of the results after it

@@ -15,7 +15,7 @@ import numpy as np
 
 from stridetwin.batch.executors import Executor
 from stridetwin.batch.folder import UNFINISHED
-from stridetwin.batch.forecast import Forecast, warn
+from stridetwin.batch.forecast import Forecast
 from stridetwin.batch.jobs import Failure, Job, Work, content_key, one_by_one
 from stridetwin.batch.rows import RowLines
 from stridetwin.batch.run import Batch, Progress
@@ -27,6 +27,7 @@ from stridetwin.scenarios.scenario_file import Scenario, scenario_of
 from stridetwin.scenarios.score_needs import estimators_of, sensors_of, with_sensors_for
 from stridetwin.sim.sensors.standard_rig import sensor_rig
 from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.notices import warn
 from stridetwin.streams.samples import Array
 from stridetwin.streams.validation import suggest
 from stridetwin.studies.placement import visibility
