@@ -25,7 +25,7 @@ from stridetwin.estimators.dvio.anchor import Anchor
 from stridetwin.estimators.dvio.clock_search import ClockSearch
 from stridetwin.estimators.dvio.estimate import DvioEstimate
 from stridetwin.estimators.dvio.initializer import Alignment, Initializer
-from stridetwin.estimators.dvio.loss import RUNNING_SPEED_MPS, PoseMemory, strayed_variance
+from stridetwin.estimators.dvio.loss import RUNNING_SPEED_MPS, PoseMemory, compute_strayed_variance
 from stridetwin.estimators.dvio.nav_state import STATIONARY_S, NavState, copy_of
 from stridetwin.estimators.dvio.parameters import METHODS, DvioParameters, method_parameters
 from stridetwin.estimators.dvio.sliding_window import STATIONARY_SPEED_SD_MPS, SlidingWindow
@@ -316,19 +316,21 @@ class Dvio:
             return None
         if self._health == LOST:
             self._wait_while_lost(sample.t_ns)
+            covariance = self._pose_covariance()
         else:
             self._way_m += float(np.linalg.norm(core.nav.v[:2])) * (sample.t_ns - int(core.nav.t_ns[0])) * 1e-9
             core.propagate(sample.t_ns)
-            is_plausible = core.is_plausible
+            is_plausible, covariance = core.is_plausible, self._pose_covariance()
             if is_plausible:
                 if self._health != IMU_ONLY and (sample.t_ns - core.newest_ns) * 1e-9 > self._max_imu_only_s:
                     self._health = IMU_ONLY
-                self._memory.remember(core.nav, self._pose_covariance(), self._health != IMU_ONLY)
+                self._memory.remember(core.nav, covariance, self._health != IMU_ONLY)
             if not is_plausible or self._has_lost_its_way:
                 self._declare_lost()
                 core.nav.t_ns[0] = sample.t_ns
+                covariance = self._pose_covariance()
         reported = core.nav._replace(covariance=core.nav.covariance.copy())
-        reported.covariance[:6, :6] = self._pose_covariance()
+        reported.covariance[:6, :6] = covariance
         return DvioEstimate.of(reported, self._health, self._camera_pose, self._frame, self._unmodelled_variance())
 
     def _pose_covariance(self) -> Array:
@@ -367,7 +369,7 @@ class Dvio:
         nav.covariance[:3, 3:6] = nav.covariance[:3, 3:6] @ turned
         nav.covariance[3:6, :3] = nav.covariance[:3, 3:6].T
         lost_s = [max(t - self._lost_ns, 0) * 1e-9 for t in (before_ns, t_ns)]
-        nav.covariance[range(3), range(3)] += strayed_variance(lost_s[1]) - strayed_variance(lost_s[0])
+        nav.covariance[range(3), range(3)] += compute_strayed_variance(lost_s[1]) - compute_strayed_variance(lost_s[0])
         nav.covariance[range(3, 6), range(3, 6)] += _LOST_RATE_SD_RADPS**2 * (lost_s[1] ** 2 - lost_s[0] ** 2)
         nav.t_ns[0] = t_ns
 

@@ -79,7 +79,7 @@ class PoseMemory:
         if self._sensible.t_ns < now_ns - _STRAYED_NS:
             p, covariance = self._sensible.p, self._sensible.covariance.copy()
             covariance[range(3), range(3)] += _STRAYED_SHARE**2 * float(strayed @ strayed)
-        held, walked = self._held, strayed_variance((now_ns - self._held.t_ns) * 1e-9)
+        held, walked = self._held, compute_strayed_variance((now_ns - self._held.t_ns) * 1e-9)
         held_variance = float(np.trace(held.covariance[:3, :3])) + 3 * walked
         if trusts_held and held_variance < float(np.trace(covariance[:3, :3])):
             p, since_ns = held.p, held.t_ns
@@ -88,7 +88,7 @@ class PoseMemory:
         return KnownPose(t_ns=since_ns, p=p, R=self._plausible.R, covariance=covariance)
 
 
-def strayed_variance(lost_s: float) -> float:
+def compute_strayed_variance(lost_s: float) -> float:
     """Variance of the position on each axis, m², that a wearer adds while the odometry is lost: docs/dvio.md (21)."""
     share = lost_s / _LOST_MEMORY_S
     lasting = 2 * (_LOST_SPEED_SD_MPS * _LOST_MEMORY_S) ** 2 * (share + math.expm1(-share))

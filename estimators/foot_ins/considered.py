@@ -9,7 +9,7 @@ from numba import njit
 
 from stridetwin.estimators.foot_ins import state
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
-from stridetwin.streams.algebra.tuples import Mat3, Vec3, axpy, dot, matvec, times, vec3_at
+from stridetwin.streams.algebra.tuples import Mat3, Vec3, axpy, matvec, times, vec3_at
 from stridetwin.streams.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
 
@@ -23,7 +23,7 @@ def begin_considered(memory: state.FilterState, parameters: KernelParameters) ->
 
 
 @njit(**INNER_KERNEL)
-def propagate_considered(memory: state.FilterState, R: Mat3, rate: Vec3, dt: float) -> None:
+def propagate_considered(memory: state.FilterState, R: Mat3, rate: Vec3, dt: float, across: Vec3) -> None:
     """Adds what each considered error of size 1 does to the attitude over one interval.
 
     The rows of the considered errors in the covariance hold the derivative of every error state by each of them. They
@@ -37,14 +37,13 @@ def propagate_considered(memory: state.FilterState, R: Mat3, rate: Vec3, dt: flo
         R: (3, 3) rotation, sensor to world, in the middle of the interval.
         rate: (3,) rad/s, angular rate of the sample.
         dt: Length of the interval, s.
+        across: (3,) rad, rotation across the sole's normal over the interval, world axes.
     """
     if memory.considered < 0:
         return
-    w = axpy(rate, -1.0, vec3_at(memory.nominal, state.GYRO_BIAS))
-    down = vec3_at(memory.lever, 0)  # along the sole's normal
-    along = times(dot(w, down) / max(dot(down, down), 1e-9), down)
-    _add_rotation(memory, state.SCALE_ACROSS, matvec(R, times(dt, axpy(w, -1.0, along))))
-    _add_rotation(memory, state.SCALE_ALONG, matvec(R, times(dt, along)))
+    rotation = matvec(R, times(dt, axpy(rate, -1.0, vec3_at(memory.nominal, state.GYRO_BIAS))))
+    _add_rotation(memory, state.SCALE_ACROSS, across)
+    _add_rotation(memory, state.SCALE_ALONG, axpy(rotation, -1.0, across))
     if memory.clock[state.FILL] > 1:  # the ring has a sample before this one
         missing = axpy(state.rate_of(memory, state.ring_row(memory, 1)), -1.0, rate)  # of the true rate, times dt / τ
         _add_rotation(memory, state.DELAY, matvec(R, missing))

@@ -244,7 +244,7 @@ def predict(memory: state.FilterState, parameters: KernelParameters, rate: Vec3,
     R, f_world, path, turn = propagate_state(memory.nominal, rate, force, dt, parameters.gravity_mps2, down)
     acceleration = f_world[0], f_world[1], f_world[2] - parameters.gravity_mps2
     propagate_covariance(P, o, R, f_world, dt, path, turn)
-    propagate_considered(memory, R, rate, dt)
+    propagate_considered(memory, R, rate, dt, turn)
     note_levelled(memory, path * memory.nominal[state.DRIFT])
     # variances per second of attitude and velocity
     attitude_noise = parameters.gyro_noise_radps_rthz**2

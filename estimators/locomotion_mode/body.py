@@ -97,11 +97,18 @@ class Body:
 
     def position_before(self, seconds: float) -> Array:
         """(3,) m, position of the body `seconds` before its last pose, or at the oldest stored instant."""
+        return self._find_before(seconds)[1]
+
+    def _find_before(self, seconds: float) -> tuple[int, Array]:
+        """Time, ns, and (3,) position, m, of the newest stored pose from at least `seconds` before the last one.
+
+        The oldest one if none is from so long before.
+        """
         wanted_ns = self.t_ns - int(seconds * 1e9)
         for t_ns, p in reversed(self._history):  # the newest first
             if t_ns <= wanted_ns:
-                return p
-        return self._history[0][1]
+                return t_ns, p
+        return self._history[0]
 
     def max_height(self, since_ns: int) -> float:
         """Greatest height of the body since an instant, m, world z; the present one if none is stored since then."""
@@ -118,13 +125,13 @@ class Body:
         way = way + _STILL_M * look / max(float(np.linalg.norm(look)), 1e-9)
         return math.atan2(way[1], way[0])
 
-    def velocity_now(self) -> Array | None:
+    def recent_velocity(self) -> Array | None:
         """(2,) m/s, horizontal, over at least the last `_VELOCITY_S`; None if no pose is stored of about that time."""
-        for t_ns, p in reversed(self._history):
-            seconds = (self.t_ns - t_ns) * 1e-9
-            if seconds >= _VELOCITY_S:
-                return (self.p - p)[:2] / seconds if seconds < 2.0 * _VELOCITY_S else None
-        return None
+        if not self._history:
+            return None
+        t_ns, p = self._find_before(_VELOCITY_S)
+        span_ns, least_ns = self.t_ns - t_ns, int(_VELOCITY_S * 1e9)
+        return (self.p - p)[:2] / (span_ns * 1e-9) if least_ns <= span_ns < 2 * least_ns else None
 
     def velocity(self) -> Array:
         """(3,) m/s, displacement over the last `_VELOCITY_S` divided by that time."""

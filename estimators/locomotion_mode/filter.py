@@ -297,7 +297,7 @@ class LocomotionMode:
             height = foothold_heights(ground, profile, foothold.s, p)
             top = self._body.max_height(rhythm.down_ns)
             stance = foothold.after_passing(stance, height, top, self._pose_trust.vertical_m)
-        chain = foothold.predict_footprints(stance, ground, feet, self._expected_arrival(line, feet[0], t_ns))
+        chain = foothold.predict_footprints(stance, ground, feet, self._predict_arrival(line, feet[0], t_ns))
         here, _ = moments(position(stance), foothold.s)  # mean position of the stance foot, m along the path
         # (K,) probability that unobserved ground under each step differs; (K, 5) probability of each mode with that
         self._is_lost &= not is_under_foot(profile, here)
@@ -359,13 +359,13 @@ class LocomotionMode:
             step_time=rhythm.step_s,
         )
 
-    def _expected_arrival(self, line: PathAhead, foot: str, t_ns: int) -> Arrival | None:
+    def _predict_arrival(self, line: PathAhead, foot: str, t_ns: int) -> Arrival | None:
         """Where the body will be on a path when a foot lands; None while that foot is not in the air, or poses lack.
 
         The body goes on with its present velocity, which changes within a step.
         """
-        raised_ns = self._touch.raised_ns(foot)
-        velocity = self._body.velocity_now()
+        raised_ns = self._touch.find_lift_off_ns(foot)
+        velocity = self._body.recent_velocity()
         if raised_ns is None or velocity is None:
             return None
         left_s = self._rhythm.swing_end_s(raised_ns, t_ns)

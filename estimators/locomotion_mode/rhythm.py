@@ -155,7 +155,7 @@ class TouchDowns:
         self._p = settings.mode
         self._feet = {foot: _Foot() for foot in FOOT_OF_TOPIC.values()}
 
-    def raised_ns(self, foot: str) -> int | None:
+    def find_lift_off_ns(self, foot: str) -> int | None:
         """Time at which a foot, `l` or `r`, left the ground; None while it is down, or unknown."""
         state = self._feet.get(foot)
         return None if state is None or state.down else state.raised_ns

@@ -279,8 +279,8 @@ def refine_vertical(surfaces: Sequence[Surface], up: Array) -> Vertical | None:
     level = agreeing & ~is_wall
     has_walls = bool((agreeing & is_wall).any())
     # level surfaces that are nearer to the z axis as it is than to the best vertical
-    given = ~is_wall & (normals_of[:, 2] > normals_of @ best)
-    is_given = float(weight[given].sum()) > _GIVEN_SHARE * float(weight[level].sum()) and best[2] < _UPRIGHT
+    is_nearer_given = ~is_wall & (normals_of[:, 2] > normals_of @ best)
+    is_given = float(weight[is_nearer_given].sum()) > _GIVEN_SHARE * float(weight[level].sum()) and best[2] < _UPRIGHT
     agreeing_levels = [surface for surface, agrees in zip(surfaces, level) if agrees]
     is_confirmed = not is_given and (has_walls or _are_at_two_heights(agreeing_levels, best))
     return Vertical(np.asarray(best), float(1.0 / np.sqrt(weight[level].sum())), is_confirmed)

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.dvio import METHODS, Dvio, DvioMethod, DvioParameters
-from stridetwin.estimators.dvio.loss import strayed_variance
+from stridetwin.estimators.dvio.loss import compute_strayed_variance
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Depth, Image, Imu
@@ -326,7 +326,7 @@ def test_what_was_unknown_before_a_loss_is_unknown_after_it():
     lost = [(e.t_ns * 1e-9, e.covariance[0, 0]) for e in made if 12.7e9 < e.t_ns < 12.99e9]
     variance = np.diff(lost, axis=0)[:, 1]
     assert variance.min() > 0
-    assert lost[-1][1] - lost[0][1] > strayed_variance(lost[-1][0] - lost[0][0])
+    assert lost[-1][1] - lost[0][1] > compute_strayed_variance(lost[-1][0] - lost[0][0])
 
 
 def test_does_without_samples_of_the_imu_that_have_gone(sway):

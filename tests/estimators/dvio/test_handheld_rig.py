@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks import vio_handheld
 from stridetwin.estimators.dvio import Dvio
 from stridetwin.estimators.dvio.anchor import Anchor
-from stridetwin.estimators.dvio.loss import strayed_variance
+from stridetwin.estimators.dvio.loss import compute_strayed_variance
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Depth, Imu
 from tests.estimators.dvio.test_dvio import errors
@@ -46,10 +46,10 @@ def plain_rig():
 def test_a_bad_clock_and_bad_forces_in_motion_from_the_start_lose_no_metre(late_s, force):
     wall = Wall(in_hand, 14.0, seed=4, late_s=late_s)
     odometry = Dvio(plain_rig())
-    made = [e for s in without_depth(wall, force) if (e := odometry.update(s)) is not None]
+    estimates = [e for s in without_depth(wall, force) if (e := odometry.update(s)) is not None]
     assert odometry.time_offset_s == pytest.approx(late_s, abs=6e-3)
-    assert made[-1].health == "tracking"
-    error, sd = errors(wall, made), np.array([np.sqrt(np.trace(e.covariance[:3, :3])) for e in made])
+    assert estimates[-1].health == "tracking"
+    error, sd = errors(wall, estimates), np.array([np.sqrt(np.trace(e.covariance[:3, :3])) for e in estimates])
     assert error.max() < 1.0
     assert np.mean(error < 2.8 * sd) > 0.88
 
@@ -59,17 +59,17 @@ def test_a_covered_camera_ends_as_lost_where_it_was_seen_last_and_begins_anew():
     images = wall.images
     wall.images = lambda t_ns: () if 3.0e9 < t_ns < 37.0e9 else images(t_ns)
     odometry, samples = Dvio(plain_rig()), without_depth(wall)
-    made = [e for s in samples if (e := odometry.update(s)) is not None]
-    healths = [e.health for e in made]
+    estimates = [e for s in samples if (e := odometry.update(s)) is not None]
+    healths = [e.health for e in estimates]
     assert "lost" in healths
     first = healths.index("lost")
-    assert 6e9 < made[first].t_ns < 36e9
-    lost = [e for e in made if e.health == "lost"]
+    assert 6e9 < estimates[first].t_ns < 36e9
+    lost = [e for e in estimates if e.health == "lost"]
     variance = np.array([np.trace(e.covariance[:3, :3]) for e in lost])
     assert (np.diff(variance) > 0).all()
-    error = errors(wall, made)
-    assert error[-1] < 3.0 * np.sqrt(np.trace(made[-1].covariance[:3, :3]))
-    assert all(e.covariance[0, 0] > 0.9 * lost[-1].covariance[0, 0] for e in made[first + len(lost) :])
+    error = errors(wall, estimates)
+    assert error[-1] < 3.0 * np.sqrt(np.trace(estimates[-1].covariance[:3, :3]))
+    assert all(e.covariance[0, 0] > 0.9 * lost[-1].covariance[0, 0] for e in estimates[first + len(lost) :])
 
 
 @settings(max_examples=30, deadline=None)
@@ -79,10 +79,10 @@ def test_an_anchor_is_the_uncertainty_of_its_pose_but_for_the_tilt(seed):
     A = rng.normal(size=(6, 6))
     P, p, R = A @ A.T, rng.normal(size=3), Rotation.random(random_state=seed).as_matrix()
     anchor = Anchor.at(p, R, P)
-    there = anchor.covariance_at(p, R)
-    np.testing.assert_allclose(there[:3, :3], P[:3, :3], atol=1e-9)
+    added = anchor.covariance_at(p, R)
+    np.testing.assert_allclose(added[:3, :3], P[:3, :3], atol=1e-9)
     up = R[2]
-    assert up @ there[3:, 3:] @ up == pytest.approx(up @ P[3:, 3:] @ up)
+    assert up @ added[3:, 3:] @ up == pytest.approx(up @ P[3:, 3:] @ up)
     # a heading error turns the way since: its share grows with the square of the way over ground
     only_heading = Anchor(p=p, covariance=np.diag([0.0, 0.0, 0.0, 1e-4]))
     away = only_heading.covariance_at(p + [3.0, 4.0, 7.0], R)[:3, :3]
@@ -92,8 +92,8 @@ def test_an_anchor_is_the_uncertainty_of_its_pose_but_for_the_tilt(seed):
 
 @given(st.floats(1e-3, 600.0), st.floats(1e-3, 60.0))
 def test_the_longer_a_wearer_is_lost_the_farther_away(lost_s, more_s):
-    assert strayed_variance(lost_s + more_s) > strayed_variance(lost_s) + 0.9 * more_s
-    assert strayed_variance(0.0) == 0.0
+    assert compute_strayed_variance(lost_s + more_s) > compute_strayed_variance(lost_s) + 0.9 * more_s
+    assert compute_strayed_variance(0.0) == 0.0
 
 
 def test_a_hand_in_a_room_of_the_twin_ends_within_a_metre(tmp_path):

@@ -40,7 +40,7 @@ class Shown:
         return np.full(len(points), self.code)
 
 
-def found(code: int, images: int = 4):
+def find_fall(code: int, images: int = 4):
     finder = FallFinder()
     for _ in range(images):
         finder.look(Shown(code), level_until(END_M), ORIGIN, FORWARD)
@@ -49,12 +49,12 @@ def found(code: int, images: int = 4):
 
 @pytest.mark.parametrize("code", [NOT_SEEN, GROUND])
 def test_ground_that_was_seen_or_never_looked_at_is_no_fall(code):
-    assert found(code) is None
+    assert find_fall(code) is None
 
 
 def test_two_images_without_the_expected_ground_are_a_fall_and_one_is_none():
-    assert found(BEHIND, images=1) is None
-    deep, unknown = found(BEHIND), found(NO_DEPTH)
+    assert find_fall(BEHIND, images=1) is None
+    deep, unknown = find_fall(BEHIND), find_fall(NO_DEPTH)
     assert deep.is_deep
     assert not unknown.is_deep
     for fall in (deep, unknown):
@@ -63,13 +63,13 @@ def test_two_images_without_the_expected_ground_are_a_fall_and_one_is_none():
 
 
 def test_a_deep_fall_becomes_treads_and_makes_steps_beyond_it_unsure():
-    profile, fall = level_until(END_M), found(BEHIND)
+    profile, fall = level_until(END_M), find_fall(BEHIND)
     ground = segments_along(profile, None, FORWARD, P, None, fall)
     assert [segment.drop for segment in ground[1:]] == pytest.approx([-P.mode.usual_riser_m] * (len(ground) - 1))
     assert ground[0].end == pytest.approx(END_M, abs=0.03)
-    assert len(segments_along(profile, None, FORWARD, P, None, found(NO_DEPTH))) == 1  # it may be black ground
+    assert len(segments_along(profile, None, FORWARD, P, None, find_fall(NO_DEPTH))) == 1  # it may be black ground
     s = GRID_M * (np.arange(160) + 0.5)
-    chances = [unseen_probability(profile, s, 1.2, P, fall=f) for f in (None, fall, found(NO_DEPTH))]
+    chances = [unseen_probability(profile, s, 1.2, P, fall=f) for f in (None, fall, find_fall(NO_DEPTH))]
     beyond = s > END_M + 0.05
     assert (chances[1][beyond] >= 0.4).all()
     assert (chances[2][beyond] >= 0.7).all()
@@ -86,7 +86,7 @@ def test_an_image_tells_ground_from_what_is_behind_it_and_from_no_depth():
     assert camera.look_at(depth + 9.0, 4.0 * points).tolist() == [NOT_SEEN] * 5  # too far to be sure
 
 
-def predicted(body_s: float | None, sd_m: float = 0.03) -> tuple[float, float]:
+def predict_footprint(body_s: float | None, sd_m: float = 0.03) -> tuple[float, float]:
     """Mean and standard deviation of the next footprint of a foot at `BEHIND_M`, m, on level ground."""
     walker = FootholdEstimator(P)
     level = Segment(
@@ -109,11 +109,13 @@ def predicted(body_s: float | None, sd_m: float = 0.03) -> tuple[float, float]:
 
 
 def test_a_body_that_stays_over_the_foot_makes_the_next_step_short():
-    usual, usual_sd = predicted(None)
+    usual, usual_sd = predict_footprint(None)
     # at touch-down a body of 1.3 m is 42 mm ahead of the middle between the feet
-    kept, kept_sd = predicted(BEHIND_M + 0.5 * (usual - BEHIND_M) + 0.042)
+    kept, kept_sd = predict_footprint(BEHIND_M + 0.5 * (usual - BEHIND_M) + 0.042)
     assert kept == pytest.approx(usual, abs=0.03)
     assert kept_sd < usual_sd
-    short, _ = predicted(BEHIND_M + 0.05)
+    short, _ = predict_footprint(BEHIND_M + 0.05)
     assert short - BEHIND_M < 0.4 * (usual - BEHIND_M)
-    assert predicted(BEHIND_M + 0.05, sd_m=2.0)[0] == pytest.approx(usual, abs=0.05)  # long before the foot lands
+    assert predict_footprint(BEHIND_M + 0.05, sd_m=2.0)[0] == pytest.approx(
+        usual, abs=0.05
+    )  # long before the foot lands
