@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.command import answer, command, show_summary
-from benchmarks.real_walks import data_folder, imu_block
+from benchmarks.real_walks import data_folder, imu_block, turn_onto
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import FootIns, FootInsPath
 from stridetwin.estimators.foot_ins.learnt import write_learnt
@@ -76,10 +76,7 @@ def find_stances(path: FootInsPath) -> list[int]:
 def fit_corners(places: Array, corners: Array) -> float:
     """RMS distance (m) of places (K, 2) from corners (K, 2) after the best turn and shift."""
     centred, target = places - places.mean(axis=0), corners - corners.mean(axis=0)
-    M = centred.T @ target
-    angle = np.arctan2(M[0, 1] - M[1, 0], M[0, 0] + M[1, 1])
-    c, s = np.cos(angle), np.sin(angle)
-    return float(np.sqrt((((centred @ [[c, s], [-s, c]]) - target) ** 2).sum(axis=1).mean()))
+    return float(np.sqrt(((turn_onto(centred, target) - target) ** 2).sum(axis=1).mean()))
 
 
 def score_walk(walk: CornerWalk, calibration_from: Path | None = None) -> tuple[FootIns, dict[str, Any]]:

@@ -12,7 +12,8 @@ from __future__ import annotations
 import re
 import tempfile
 from argparse import Namespace
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -98,12 +99,25 @@ def record_walk(kind: str, seed: int, folder: Path) -> Path:
     """The recording of a walk, which is generated if the folder lacks it; the furniture is drawn from the seed."""
     path = folder / f"{kind}_{seed}.mcap"
     if not path.exists():
-        usual, obstacles._SEED = obstacles._SEED, _FIRST_ROOM + seed
-        try:
+        with furnish_rooms(_FIRST_ROOM + seed):
             record(Twin(draw_walk(kind, seed), seed), path)
-        finally:
-            obstacles._SEED = usual
     return path
+
+
+@contextmanager
+def furnish_rooms(seed: int, margin_m: float | None = None) -> Iterator[None]:
+    """Context manager: rooms of the twin have other furniture than usual.
+
+    Args:
+        seed: Of the furniture.
+        margin_m: From the way to the walls; None: as usual.
+    """
+    usual = obstacles._SEED, obstacles._ROOM_MARGIN_M
+    obstacles._SEED, obstacles._ROOM_MARGIN_M = seed, usual[1] if margin_m is None else margin_m
+    try:
+        yield
+    finally:
+        obstacles._SEED, obstacles._ROOM_MARGIN_M = usual
 
 
 def map_flights(path: Path) -> dict[str, Any]:

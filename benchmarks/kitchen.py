@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stridetwin.streams.rig import CameraCalibration, Mount, Rig
+from benchmarks.depth_rig import make_depth_rig, make_rays
 from stridetwin.streams.samples import Array, Depth, Odometry, Sample
 
 _WIDTH, _HEIGHT, _FOCAL = 240, 180, 219.0
@@ -26,23 +26,8 @@ _POSE_SD_M, _POSE_SD_RAD = 0.004, math.radians(0.2)
 """Errors of the poses, which wander within a second."""
 _CLEARANCE_M = 0.15
 """The camera stays so far from all boxes in plan, but may be above counters."""
-RIG = Rig(
-    cameras={
-        "/head/color": CameraCalibration(
-            topic="/head/color",
-            part="",
-            rate_hz=1.0 / _PERIOD_S,
-            mount=Mount(body="head"),
-            width=_WIDTH,
-            height=_HEIGHT,
-            intrinsics=(_FOCAL, _FOCAL, (_WIDTH - 1) / 2, (_HEIGHT - 1) / 2),
-            depth_topic="/head/depth",
-        )
-    }
-)
-_U, _V = np.meshgrid(np.arange(_WIDTH), np.arange(_HEIGHT))
-_RAYS = np.stack([(_U - (_WIDTH - 1) / 2) / _FOCAL, (_V - (_HEIGHT - 1) / 2) / _FOCAL, np.ones_like(_U)], -1)
-_RAYS = _RAYS.reshape(-1, 3).astype(np.float32)  # (H W, 3) optical axes: 1 along one is 1 m of depth
+RIG = make_depth_rig(_WIDTH, _HEIGHT, _FOCAL, 1.0 / _PERIOD_S)
+_RAYS = make_rays(_WIDTH, _HEIGHT, _FOCAL).astype(np.float32)
 _OPTICAL = Rotation.from_matrix(np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]))
 
 

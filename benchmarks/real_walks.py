@@ -98,9 +98,7 @@ def stance_error(t: Array, path: Array, truth: MarkerWalk) -> tuple[float, float
     for _ in range(50):
         target = g[:, :2] + along * offset[0] + across * offset[1]
         centre_e, centre_t = e[:, :2].mean(0), target.mean(0)
-        m = (e[:, :2] - centre_e).T @ (target - centre_t)
-        turn = np.arctan2(m[0, 1] - m[1, 0], m[0, 0] + m[1, 1])
-        moved = turned(e[:, :2] - centre_e, turn) + centre_t - g[:, :2]
+        moved = turn_onto(e[:, :2] - centre_e, target - centre_t) + centre_t - g[:, :2]
         offset = np.array([np.mean((moved * along).sum(1)), np.mean((moved * across).sum(1))])
         error = moved - along * offset[0] - across * offset[1]
     height = (e[-1, 2] - e[0, 2]) - (g[-1, 2] - g[0, 2])
@@ -110,6 +108,12 @@ def stance_error(t: Array, path: Array, truth: MarkerWalk) -> tuple[float, float
 def turned(xy: Array, angle: float) -> Array:
     c, s = np.cos(angle), np.sin(angle)
     return xy @ np.array([[c, s], [-s, c]])
+
+
+def turn_onto(xy: Array, target: Array) -> Array:
+    """Places (N, 2) about their mean, turned so that they are nearest to others (N, 2) about theirs."""
+    m = xy.T @ target
+    return turned(xy, float(np.arctan2(m[0, 1] - m[1, 0], m[0, 0] + m[1, 1])))
 
 
 def rests(truth: MarkerWalk, max_speed: float = 0.15, min_s: float = 0.15) -> list[int]:

@@ -14,7 +14,7 @@ import math
 import sys
 import tempfile
 from argparse import Namespace
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
 from benchmarks.command import answer, command
+from benchmarks.furniture import furnish_rooms
 from benchmarks.vio_errors import scale_forces
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.dvio import Dvio
@@ -37,7 +38,6 @@ from stridetwin.sim.parts.library import load_part
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.twin import Twin
 from stridetwin.sim.wearer.dimensions import Wearer
-from stridetwin.sim.world import obstacles
 from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.algebra.arrays import from_euler, from_quaternion, to_quaternion
 from stridetwin.streams.recording.reader import Recording
@@ -127,7 +127,7 @@ def draw_motion(rng: np.random.Generator, t: Array, end_s: float) -> tuple[Array
     return p, angles
 
 
-def plan_hand(seconds: float) -> Any:
+def plan_hand(seconds: float) -> Callable[..., Reference]:
     """A planner of the twin that carries the camera by hand: the person is stiff, and hangs on it as its root."""
 
     def plan(
@@ -178,12 +178,8 @@ def record_hand(seed: int, seconds: float, folder: Path, texture: str = "rich") 
     """The recording of a seed, which is generated if the folder lacks it."""
     path = folder / f"handheld_{texture}_{seed}_{seconds:.0f}.mcap"
     if not path.exists():
-        usual = obstacles._SEED, obstacles._ROOM_MARGIN_M
-        obstacles._SEED, obstacles._ROOM_MARGIN_M = _FIRST_ROOM + seed, _ROOM_MARGIN_M
-        try:
+        with furnish_rooms(_FIRST_ROOM + seed, _ROOM_MARGIN_M):
             record(Twin(make_config(seed, texture), seed, plan=plan_hand(seconds)), path)
-        finally:
-            obstacles._SEED, obstacles._ROOM_MARGIN_M = usual
     return path
 
 

@@ -9,29 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from benchmarks.depth_rig import make_depth_rig, make_rays
 from stridetwin.estimators.terrain_map import TerrainEstimate, TerrainMap
-from stridetwin.streams.rig import CameraCalibration, Mount, Rig
 from stridetwin.streams.samples import Depth, Odometry
 
 WIDTH, HEIGHT, FOCAL = 320, 240, 192.0
 EYE_M, PITCH = 1.65, math.radians(32.0)
 PERIOD_NS = 100_000_000
-RIG = Rig(
-    cameras={
-        "/head/color": CameraCalibration(
-            topic="/head/color",
-            part="",
-            rate_hz=10.0,
-            mount=Mount(body="head"),
-            width=WIDTH,
-            height=HEIGHT,
-            intrinsics=(FOCAL, FOCAL, (WIDTH - 1) / 2, (HEIGHT - 1) / 2),
-            depth_topic="/head/depth",
-        )
-    }
-)
-_U, _V = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
-RAYS = np.stack([(_U - (WIDTH - 1) / 2) / FOCAL, (_V - (HEIGHT - 1) / 2) / FOCAL, np.ones_like(_U)], -1).reshape(-1, 3)
+RIG = make_depth_rig(WIDTH, HEIGHT, FOCAL, rate_hz=10.0)
+RAYS = make_rays(WIDTH, HEIGHT, FOCAL)
 """(H W, 3) optical axes: a step of 1 along one is 1 m of depth."""
 
 
