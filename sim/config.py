@@ -117,11 +117,13 @@ class Ramp:
     Attributes:
         angle_rad: Slope, positive.
         rise_m: Height from its lower to its upper end.
+        cross_slope_rad: Tilt sideways, the left side up positive.
         down: Which way it leads from the walker's view.
     """
 
     angle_rad: Annotated[Number, Field(ge=1, le=20, alias="angle_deg"), DEGREES]
     rise_m: Annotated[Number, Field(ge=0.05, le=10)]
+    cross_slope_rad: Annotated[Number, Field(ge=-5, le=5, alias="cross_slope_deg"), DEGREES] = 0.0
     down: Annotated[bool, OneOf(DIRECTIONS), Field(alias="direction")] = False
 
 

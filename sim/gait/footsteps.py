@@ -361,7 +361,9 @@ def _footstep(
     side = 1.0 if row.foot == "l" else -1.0
     error = np.clip(rng.normal(0.0, _SIDE_SD_M * gait.step_sd), -_MAX_SIDE_M, _MAX_SIDE_M)
     left = side * (HALF_STEP_WIDTH_M + widening(way, before.s, row.s)) + float(error)
-    R_world_ground = rot_z(np.array(heading)) @ rot_y(np.array(-slope)) @ rot_x(np.array(row.strip.cross_slope))
+    # the ground rises by tan(cross slope) per horizontal metre to the left, also where it is inclined along the way
+    tilt = math.atan(math.tan(row.strip.cross_slope) * math.cos(slope))
+    R_world_ground = rot_z(np.array(heading)) @ rot_y(np.array(-slope)) @ rot_x(np.array(tilt))
     return Footstep(
         foot=row.foot,
         p_foot_in_world=np.array([*way.point(row.s, left), row.strip.height(row.s, left)]),
