@@ -21,7 +21,7 @@ from stridetwin.sim.dynamics.simulate import Simulation
 from stridetwin.sim.dynamics.simulated_walk import Replay, SimulatedWalk
 from stridetwin.sim.faults.faults import plan_faults
 from stridetwin.sim.gait.exo_fit import check_legs
-from stridetwin.sim.gait.heel_strike import SHOE, UpperMotion, case_parameters
+from stridetwin.sim.gait.heel_strike import UpperMotion, case_parameters, draw_shoes
 from stridetwin.sim.gait.reference import Reference, plan_reference
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.playback import Playback
@@ -40,7 +40,7 @@ from stridetwin.streams.samples import Array, Block, Sample
 
 CHUNK_S = 2.0  # length of a chunk of samples
 _FILM_SMOOTHING_S = 0.6  # SD of the filter of the film camera's path
-_STEPS, _JOINT_TORQUE, _SHOE, _CROWD, _CASE = range(5)  # streams of random numbers of a walk
+_STEPS, _JOINT_TORQUE, _SHOE, _CROWD, _CASE, _MOUNT = range(6)  # streams of random numbers of a walk
 
 
 class Twin:
@@ -228,7 +228,7 @@ class Twin:
     def _shoes(self) -> dict[str, UpperMotion]:
         """Motion of the upper of each shoe on its foot, by name of the foot."""
         bare, uppers = self._player({}), {}  # rigid shoes: the speed of the foot sets the strength of a strike
-        for i, side in enumerate(SIDES):
+        for i, (side, shoe) in enumerate(zip(SIDES, draw_shoes(self._rng(_MOUNT)))):
             foot = f"foot_{side}"
 
             def speed(t: Array, foot: str = foot) -> Array:
@@ -242,7 +242,7 @@ class Twin:
                 speed,
                 foot_imu_position(self.config, side),
                 self._rng(_SHOE, i),
-                SHOE,
+                shoe,
             )
         return uppers
 

@@ -58,6 +58,7 @@ class Cycle:
         total: Of both feet.
         sole: Lowest point of the sole in swing above the ground, m.
         heel_speed: Of the heel, m/s.
+        heel_acceleration: Its magnitude, m/s².
         pitch_rate: Of the foot, rad/s.
         stretch: How far the foot is out of the leg's reach, m.
         excess: How much longer the leg is than with `_BENT_RAD` in the knee, m.
@@ -72,6 +73,7 @@ class Cycle:
     total: Array
     sole: Array
     heel_speed: Array
+    heel_acceleration: Array
     pitch_rate: Array
     stretch: Array
     excess: Array
@@ -142,7 +144,8 @@ def steady_cycle(
         load=load[:-1] / weight,
         total=needed[:-1, 2] / weight,
         sole=_lowest(size, paths["l"])[:-1],
-        heel_speed=_speed(size, wide_paths["l"], wide)[mid][:-1],
+        heel_speed=_motion_of_heel(size, wide_paths["l"], wide)[0][mid][:-1],
+        heel_acceleration=_motion_of_heel(size, wide_paths["l"], wide)[1][mid][:-1],
         pitch_rate=np.gradient(wide_paths["l"].pitch, wide)[mid][:-1],
         stretch=legs_["l"].stretch[:-1],
         excess=solve_leg(
@@ -224,9 +227,11 @@ def _lowest(size: Wearer, path: FootPath) -> Array:
     return np.minimum.reduce([(p + R @ heel)[:, 2], (p + R @ ball)[:, 2], tip_z])
 
 
-def _speed(size: Wearer, path: FootPath, t: Array) -> Array:
+def _motion_of_heel(size: Wearer, path: FootPath, t: Array) -> tuple[Array, Array]:
+    """(N,) m/s and (N,) m/s², speed of the heel and magnitude of its acceleration."""
     heel = path.p_foot_in_world + path.R_world_foot @ np.array([size.shoe.heel_back_x, 0.0, 0.05])
-    return np.linalg.norm(np.gradient(heel, t, axis=0), axis=1)
+    velocity = np.gradient(heel, t, axis=0)
+    return np.linalg.norm(velocity, axis=1), np.linalg.norm(np.gradient(velocity, t, axis=0), axis=1)
 
 
 def _inverse_dynamics(model: mujoco.MjModel, q: Array, v: Array, a: Array) -> tuple[Array, Array]:

@@ -92,6 +92,11 @@ _RISE_SMOOTHING_S = 0.03  # SD of the Gaussian filter
 _RISE_FADE_S = 0.12  # in which the additional pitch begins, and in which it ends before toe-off
 _PIVOT_FROM = 0.30  # share of swing from which the moving point goes to the pivot of the landing
 _PIVOT_LASTS = 0.55  # share of swing that this takes, once the foot is level
+_LANDING_SPEED = 0.27  # at which the heel reaches the ground, relative to the mean speed of the swing
+_LANDING_BRAKE = 2.7  # deceleration before that, in units of that speed per duration of the swing
+_SLOPE_WITHOUT_SPEED_RAD = 0.12  # downhill slope from which the heel is only set down
+_STOPPING_S = 0.022  # in which the ground stops the heel
+_LAG_OVER = 0.85  # share of swing before touch-down in which the foot lags
 _MAX_BUMP_M = 0.4  # higher, an edge lies too near a footprint for a bump, which rises slowly
 _NEAR_EDGE_M = 0.004  # margin before and behind a riser
 _NEAR_EDGE_DOWN_M = 0.012  # likewise, going down
@@ -327,7 +332,33 @@ def _swing_positions(a: Footstep, b: Footstep, size: Wearer, s: Array, R: Array,
     point = point + (4.0 * forward_share * (1.0 - forward_share))[:, None] * outward
     if a.departure == "push" and b.arrival == "heel":
         point = point + _swing_shape(b.style, s, b.R_world_sole) * leg_length(size)
+        point[:, 2] += b.swing.lift_m * bump(s)
+        # behind its smooth path, along the ground, so that it lands at speed
+        steep = max(-b.slope, 0.0) / _SLOPE_WITHOUT_SPEED_RAD  # the knee is nearly straight: it cannot take up a blow
+        lag = _landing_lag(s, b.t_touch - a.t_off, b.swing.landing * max(1.0 - steep, 0.0))
+        point = point - lag[:, None] * (end - start)
     return point - np.einsum("nij,nj->ni", R, pivot_in_foot)
+
+
+def _landing_lag(s: Array, swing_s: float, faster: float) -> Array:
+    """(N,) lag of a foot that lands at speed behind one that comes to rest, in units of the distance of its swing.
+
+    The lag grows in swing, and is made up for before touch-down: the heel brakes evenly, and in the last `_STOPPING_S`
+    the ground stops it.
+
+    Args:
+        s: (N,) shares of swing, 0-1.
+        swing_s: Duration of the swing.
+        faster: Speed of the landing relative to the usual one.
+    """
+    left = 1.0 - s
+    stop = _STOPPING_S / swing_s
+    x = np.minimum(left / stop, 1.0)
+    beyond = np.maximum(left - stop, 0.0)
+    # integrals over the time left of `ease`, and of `ease` times the time left
+    at_speed = stop * x**4 * (2.5 + x * (x - 3.0)) + beyond
+    braking = stop**2 * x**5 * (2.0 + x * (6.0 / 7.0 * x - 2.5)) + beyond * (stop + beyond / 2.0)
+    return (faster * _LANDING_SPEED * at_speed + _LANDING_BRAKE * braking) * (1.0 - ease(left / _LAG_OVER))
 
 
 def _swing_shape(style: Style, s: Array, base: Array) -> Array:

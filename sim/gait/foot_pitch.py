@@ -141,13 +141,13 @@ def plan_pitch(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Arr
         # uphill the heel rises earlier, and higher at toe-off
         uphill = max(a.slope, 0.0)
         push, early = _PUSH_BY_SLOPE * uphill, 1.0 / (1.0 + _EARLY_BY_SLOPE * uphill)
-        off = toe_off.off + _PUSH_BY_RISE * climb + push
+        off = b.swing.push * (toe_off.off + _PUSH_BY_RISE * climb + push)
         flats.append((flat, a.t_off - heel_off))
         # knots from heel-off (u = 0) to toe-off (u = 1); the exponent below 1 lets the heel rise earlier
         knots += [(a.t_off + (u - 1.0) * heel_off, share**early * off) for u, share in toe_off.rise]
         # uphill the sole comes down nearly parallel to the slope, because the ankle cannot raise the toes farther
         slope_pitch = min(max(b.slope, 0.0), -landing.touch - _MIN_HEEL_FIRST_RAD) if landing.touch < 0.0 else 0.0
-        swing_knots, landing_knots = toe_off.swing, landing.before
+        swing_knots, landing_knots = tuple((u, b.swing.push * x) for u, x in toe_off.swing), landing.before
         if a.departure == "push" and b.arrival == "flat":  # toes that swing up would have to go down again at once
             swing_knots, landing_knots = tuple((u, max(angle, landing.touch)) for u, angle in swing_knots), ()
         knots += [(a.t_off + u * swing, angle + tiptoe) for u, angle in swing_knots]
@@ -191,7 +191,9 @@ def _landing(step: Footstep) -> Landing:
         return _LANDINGS[step.arrival]
     style = step.style
     knots = list(zip(SWING_KNOTS, style.pitch.tolist()))  # (share of swing, pitch); the last one is touch-down
-    return Landing(before=tuple(knots[-_LANDING_KNOTS:-1]), touch=knots[-1][1], flat_after=float(style.flat_after))
+    before = tuple((u, angle + step.swing.toes_rad) for u, angle in knots[-_LANDING_KNOTS:-1])
+    touch = min(knots[-1][1] + step.swing.toes_rad, -_MIN_HEEL_FIRST_RAD)
+    return Landing(before=before, touch=touch, flat_after=float(style.flat_after))
 
 
 def _toe_off(step: Footstep, style: Style) -> ToeOff:

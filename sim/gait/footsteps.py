@@ -225,6 +225,23 @@ def _step_styles(holds: Sequence[Foothold], rises: Sequence[float], durations: A
     return styles
 
 
+@dataclass(frozen=True, kw_only=True)
+class SwingVariation:
+    """How one swing differs from that of its style (`swing_variability`).
+
+    Attributes:
+        push: Factor on the pitch of the foot from the rise of its heel to the middle of the swing.
+        toes_rad: Additional pitch of a landing on the heel, toes down positive.
+        lift_m: Additional height of the foot in mid-swing.
+        landing: Factor on the speed at which the heel lands.
+    """
+
+    push: float = 1.0
+    toes_rad: float = 0.0
+    lift_m: float = 0.0
+    landing: float = 1.0
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Footstep(Stance):
     """A planned stance, and how the foot comes there and leaves.
@@ -240,6 +257,7 @@ class Footstep(Stance):
         style: Style of the step that ends here.
         clearance_m: Clearance of the sole above the ground on the way here, m.
         pause_s: Time for which the walker stands still on both feet after this touch-down, s.
+        swing: How the swing to here differs from that of the style.
     """
 
     s: float
@@ -252,6 +270,7 @@ class Footstep(Stance):
     style: Style
     clearance_m: float = CLEARANCE_M
     pause_s: float = 0.0
+    swing: SwingVariation = SwingVariation()
 
 
 def plan_footsteps(layout: Layout, size: Wearer, gait: Gait, rng: np.random.Generator) -> tuple[list[Footstep], float]:

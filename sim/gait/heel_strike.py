@@ -1,17 +1,18 @@
 """Heel-strike vibration: motion of a shoe's upper relative to the foot, at impacts and during stance.
 
-The foot of a planned walk lands softly and does not move in stance. A real shoe does neither: its upper, which carries
-the sensors, vibrates relative to the foot after the heel strike and again when the ball slaps down, and it rolls and
-twists by a degree under load. Here this is a small motion of the upper relative to the foot, twice differentiable in
-time, so that accelerometer, gyroscope and ground truth agree, and it decays before the foot leaves the ground. The
-parameters are fitted to recorded walks by `tools/fit_heel_strike.py`.
+The foot of a planned walk does not vibrate when it lands and does not move in stance. A real shoe does: its upper,
+which carries the sensors, vibrates relative to the foot after the heel strike and again when the ball slaps down. It
+settles in the first quarter of a second of stance, leans by some degrees while the foot bears the load, and rocks. Here
+this is a small motion of the upper relative to the foot, twice differentiable in time, so that accelerometer, gyroscope
+and ground truth agree, and it decays before the foot leaves the ground. The parameters are fitted to recorded walks by
+`tools/fit_heel_strike.py`; shoes and mounts differ from person to person (`draw_shoes`).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Self
 
 import numba
@@ -50,6 +51,11 @@ class ShoeParameters:
         fade_s: Fade-in and fade-out of rocking.
         rock_s: A longer stance is still after this time.
         ground_m: (3,) pivot of rocking in the foot's frame.
+        settle_rad: (3,) mean rotation that is left at the landing and settles.
+        settle_sd_rad: (3,) its standard deviation from strike to strike.
+        settle_s: Times in which it comes about, and in which it settles.
+        lean_rad: (3,) rotation while the foot bears the load.
+        lean_sd: Standard deviation of the lean from stance to stance, relative to the lean.
     """
 
     mode_hz: Array
@@ -68,21 +74,63 @@ class ShoeParameters:
     fade_s: float = 0.10
     rock_s: float = 0.9
     ground_m: tuple[float, float, float] = (0.060, 0.0, 0.0)
+    settle_rad: Array = field(default_factory=lambda: np.zeros(3))
+    settle_sd_rad: Array = field(default_factory=lambda: np.zeros(3))
+    settle_s: tuple[float, float] = (0.05, 0.17)
+    lean_rad: Array = field(default_factory=lambda: np.zeros(3))
+    lean_sd: float = 0.1
 
 
 SHOE = ShoeParameters(
     mode_hz=np.array([17.0, 34.0, 68.0]),
-    mode_decay_s=np.array([0.040, 0.012, 0.027]),
-    mode_force=np.array([[22.8, 24.4, 33.2], [0.0, 0.0, 138.1], [35.7, 32.7, 49.7]]),
-    mode_rate=np.array([[5.32, 1.43, 2.82], [7.30, 6.43, 2.11], [4.22, 1.33, 3.25]]),
-    impact_mps=0.384,
+    mode_decay_s=np.array([0.040, 0.008, 0.040]),
+    mode_force=np.array([[0.0, 23.0, 35.2], [0.0, 0.0, 208.2], [17.7, 27.3, 27.9]]),
+    mode_rate=np.array([[5.26, 0.0, 2.75], [14.40, 10.20, 5.28], [2.56, 0.79, 2.27]]),
+    impact_mps=1.083,
     strike_sd=0.27,
-    slap=0.15,
+    slap=0.10,
     rock_hz=np.array([2.5, 5.0, 10.0]),
-    rock_rate=np.array([[0.140, 0.128, 0.151], [0.070, 0.026, 0.042], [0.054, 0.020, 0.032]]),
+    rock_rate=np.array([[0.119, 0.108, 0.128], [0.060, 0.022, 0.036], [0.046, 0.017, 0.027]]),
+    settle_rad=np.array([0.0, -0.075, 0.0]),
+    settle_sd_rad=np.array([0.035, 0.020, 0.025]),
 )
 """A walking shoe with the sensor clipped to it, at 1.3 m/s: `dual_foot_walk` of gaitmap's example data (MIT), both
-feet, 56 strikes of one person."""
+feet, 56 strikes of one person. The settling is chosen for the angular rate of these feet after 0.1 s of stance."""
+
+
+# How shoes and mounts differ from person to person, relative to `SHOE`; chosen by hand, so that the strikes cover those
+# of `dual_foot_walk` and of the softer shoes and filtered sensors of `foot_imu_vicon` (`benchmarks.people_feet`).
+_STRENGTH, _STRENGTH_SD = 0.85, 0.35  # median, and SD of the logarithm
+_STRENGTH_LIMITS = (0.25, 1.5)
+_PITCH_SD, _DAMPING_SD, _ROCKING_SD = 0.15, 0.25, 0.25  # SD of the logarithms of frequency, decay time and rocking
+_LEAN_SD_RAD = (0.030, 0.025, 0.015)  # of the mount of one shoe about forward, left, up
+
+
+def draw_shoes(rng: np.random.Generator) -> tuple[ShoeParameters, ShoeParameters]:
+    """Left and right shoe of a person, with the mounts of their sensors.
+
+    The pair has a common strength of its strikes, and a common softness: soft mounts vibrate lower, for longer, and
+    rock more. Each shoe leans under load in its own way.
+
+    Args:
+        rng: Draws the person's shoes.
+    """
+    strength = float(np.clip(_STRENGTH * np.exp(_STRENGTH_SD * rng.standard_normal()), *_STRENGTH_LIMITS))
+    soft, damping, rocking = np.clip(rng.standard_normal(3), -2.0, 2.0).tolist()
+    leans = np.array(_LEAN_SD_RAD) * np.clip(rng.standard_normal((2, 3)), -2.0, 2.0)
+    rock = float(np.exp(_ROCKING_SD * (0.6 * soft + 0.8 * rocking)))
+    pair = replace(
+        SHOE,
+        mode_hz=SHOE.mode_hz * np.exp(-_PITCH_SD * soft),
+        mode_decay_s=SHOE.mode_decay_s * np.exp(_DAMPING_SD * (0.5 * soft + 0.87 * damping)),
+        mode_force=strength * SHOE.mode_force,
+        mode_rate=strength * SHOE.mode_rate,
+        rock_rate=rock * SHOE.rock_rate,
+        settle_rad=rock * SHOE.settle_rad,
+        settle_sd_rad=rock * SHOE.settle_sd_rad,
+    )
+    left, right = (replace(pair, lean_rad=lean) for lean in leans)
+    return left, right
 
 
 def case_parameters(strike: float) -> ShoeParameters:
@@ -174,11 +222,15 @@ class _Rocks(NamedTuple):
         begin: (S,) s, touch-down.
         end: (S,) s, when the upper is still again.
         phase: (S, M, 3) rad, phases of the M sines about each axis.
+        settle: (S, 3) rad, rotation that comes about at the landing and settles.
+        lean: (S, 3) rad, rotation under load.
     """
 
     begin: Array
     end: Array
     phase: Array
+    settle: Array
+    lean: Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -237,6 +289,7 @@ class UpperMotion:
                 phase = shape + parameters.jitter_rad * rng.standard_normal(shape.shape)
                 strikes.append((t, strength * relative * unit, phase))
             rocks.append(rng.uniform(0.0, 2 * np.pi, parameters.rock_rate.shape))
+        settling = rng.standard_normal((len(landings), 6))
         # one row for every mode after every strike
         begin = np.repeat([t for t, _, _ in strikes], len(parameters.mode_hz))
         hz, decay_s = (np.tile(x, len(strikes)) for x in (parameters.mode_hz, parameters.mode_decay_s))
@@ -255,6 +308,8 @@ class UpperMotion:
                 begin=np.array([step.t_touch for step in landings]),
                 end=np.array([min(step.t_off, step.t_touch + parameters.rock_s) for step in landings]),
                 phase=np.reshape(rocks, (-1, *parameters.rock_rate.shape)),
+                settle=parameters.settle_rad + settling[:, :3] * parameters.settle_sd_rad,
+                lean=parameters.lean_rad * (1.0 + parameters.lean_sd * settling[:, 3:]),
             ),
         )
 
@@ -268,7 +323,7 @@ class UpperMotion:
         shoe = self._parameters
         # (2, S) first row of each stance and one past its last; below, (2, E) of each vibration
         rows = np.searchsorted(t, [self._rocks.begin, self._rocks.end])
-        _add_rocks(t, rows, self._rocks, shoe.rock_hz, shoe.rock_rate, shoe.fade_s, value, rate)
+        _add_rocks(t, rows, self._rocks, shoe.rock_hz, shoe.rock_rate, shoe.fade_s, shoe.settle_s, value, rate)
         # rocking rotates about a point of the ground, so the pivot moves as well: rotation × arm
         arm = self.pivot - self._parameters.ground_m
         value[:, :3], rate[:, :3] = cross(value[:, 3:], arm), cross(rate[:, 3:], arm)
@@ -316,10 +371,13 @@ def _add_rocks(
     rock_hz: Array,
     rock_rate: Array,
     fade_s: float,
+    settle_s: tuple[float, float],
     value: Array,
     rate: Array,
 ) -> None:
-    """Adds the rocking of stance to the rotation: sines of random phase in a window that fades in and out.
+    """Adds the motion of stance to the rotation: a rotation that settles, a lean under load, and rocking.
+
+    The lean and the rocking, sines of random phase, are in a window that fades in and out.
 
     Args:
         t: (N,) increasing s.
@@ -328,6 +386,7 @@ def _add_rocks(
         rock_hz: (M,) frequencies.
         rock_rate: (M, 3) rad/s, amplitudes of the angular rate.
         fade_s: Duration of fade-in and fade-out.
+        settle_s: Times in which the rotation that settles comes about, and in which it settles.
         value: (N, 6) displacement, m, and rotation, rad, which are added to.
         rate: (N, 6) their rates, which are added to.
     """
@@ -338,6 +397,17 @@ def _add_rocks(
             begun, left = tau / fade_s, (rocks.end[e] - t[i]) / fade_s
             window = ease(begun) * ease(left)
             changing = (ease_rate(begun) * ease(left) - ease(begun) * ease_rate(left)) / fade_s
+            # the rotation that settles, as a share, and its rate
+            grown, settled = tau / settle_s[0], (tau - settle_s[0]) / settle_s[1]
+            share = ease(grown) * (1.0 - ease(settled)) * ease(left)
+            sharing = (
+                ease_rate(grown) / settle_s[0] * (1.0 - ease(settled)) * ease(left)
+                - ease(grown) * ease_rate(settled) / settle_s[1] * ease(left)
+                - ease(grown) * (1.0 - ease(settled)) * ease_rate(left) / fade_s
+            )
+            for k in range(3):
+                value[i, 3 + k] += share * rocks.settle[e, k] + window * rocks.lean[e, k]
+                rate[i, 3 + k] += sharing * rocks.settle[e, k] + changing * rocks.lean[e, k]
             for m in range(len(rock_hz)):
                 omega = 2 * np.pi * rock_hz[m]
                 for k in range(3):

@@ -127,7 +127,6 @@ _HEIGHT_SLOW = 0.985  # pelvis at the lowest speed, leg lengths
 _MIN_DOUBLE_SUPPORT = 0.08  # share of a step
 _SHORTER_SUPPORT_FASTER = 0.16  # share of a step by which double support continues to shrink
 _LOWER_FASTER = 0.12  # leg lengths by which the pelvis is lower
-_LESS_LEAD = 2.0  # share by which the swing foot reaches less far forward
 _SHUFFLE_SHORTENS = 0.45  # step length
 _SHUFFLE_FLATTENS = 0.75  # pitch and pelvis
 _SHUFFLE_LOWERS = 0.85  # lift of the swing foot
@@ -163,7 +162,6 @@ def style_at(pace: float) -> Style:
             style,
             double_support=np.maximum(support, _MIN_DOUBLE_SUPPORT),
             height=height,
-            forward=style.forward * max(1.0 - _LESS_LEAD * beyond, 0.0),
         )
     if pace >= slowest:
         return style
