@@ -2,9 +2,9 @@
 
 `python -m benchmarks.transfer [--json] [--cache DIR] [--workers 2] [--seed 1] [--walks 30] [--causes] [--data DIR]`.
 People: the walks of `foot_imu_vicon`, or those in the folder of `--data`. Twin: the campaign in
-`benchmarks/transfer_walks`, one foot of each walk in turn. The filter gets no calibration on either side, and the score
-is pyshoe's 2-D ARMSE. docs/transfer.md has the method. Walks with seeds below 1000 (`--seed 0`) are for work on the twin;
-those of `--seed 1` and above judge it.
+`benchmarks/transfer_walks`, one foot of each walk in turn. The filter gets no calibration on either side, and the
+score is pyshoe's 2-D ARMSE. docs/transfer.md has the method. Walks with seeds below 1000 (`--seed 0`) are for work on
+the twin; those of `--seed 1` and above judge it.
 """
 
 from __future__ import annotations
@@ -138,6 +138,7 @@ def _with_foot_imu(config: TwinConfig, **changes: Any) -> TwinConfig:
 
 CAUSES: dict[str, Callable[[TwinConfig], TwinConfig]] = {
     "ideal sensor": _without_errors,
+    "consumer parts": lambda config: _with_foot_imu(config, population="consumer"),
     "rigid shoe": lambda config: replace(config, shock=False),
     "ideal sensor, rigid shoe": lambda config: replace(_without_errors(config), shock=False),
     "sensor at the heel": lambda config: _with_foot_imu(config, position_m=(-0.030, 0.042, 0.060)),
