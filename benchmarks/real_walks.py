@@ -128,10 +128,10 @@ def rests(truth: MarkerWalk, max_speed: float = 0.15, min_s: float = 0.15) -> li
     return [(a + b) // 2 for a, b in edges if truth.t[b - 1] - truth.t[a] >= min_s]
 
 
-def load_vicon(folder: Path) -> list[ViconWalk]:
-    """Walks of `foot_imu_vicon`, despiked, in the order of their names."""
+def load_vicon(folder: Path, name: str = "foot_imu_vicon") -> list[ViconWalk]:
+    """Walks of `foot_imu_vicon`, or of another set of its kind, despiked, in the order of their names."""
     walks = []
-    for file in sorted((folder / "foot_imu_vicon").glob("*.npz")):
+    for file in sorted((folder / name).glob("*.npz")):
         with np.load(file) as d:
             block = imu_block(d["t"], d["gyro"], d["accel"])
             walks.append(ViconWalk(name=file.stem, imu=block, truth=despike(d["position"], d["t"])))

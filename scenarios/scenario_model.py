@@ -271,8 +271,9 @@ _CALIBRATED_CLOCKS = ("foot_camera", "foot_imu", "head_camera", "head_imu")
 _OPTIONS = {
     "foot_camera": ("light", "exposure_s", "frames", "shadows", "board", "mount"),
     "head_camera": ("light", "exposure_s", "shadows", "calibration_sd", "pitch_down_rad", "mount"),
-    "head_imu": ("strike",),
-    "foot_imu": ("position_m", "rotation_rad"),
+    "head_imu": ("strike", "population"),
+    "foot_imu": ("position_m", "rotation_rad", "population"),
+    "exo_imu": ("population",),
     "sonar": ("mount",),
 }
 """Attributes of a `SensorConfig` that only some groups have."""

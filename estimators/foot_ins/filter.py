@@ -9,17 +9,21 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.estimators.base import PATH, Declaration, Options, PathEstimate, Progress, Stream
-from stridetwin.estimators.foot_ins import delay
+from stridetwin.estimators.base import PATH, PROPOSED, Declaration, Options, PathEstimate, Progress, Stream
+from stridetwin.estimators.foot_ins import delay, published
 from stridetwin.estimators.foot_ins.estimate import NO_STANCE, FootInsEstimate, FootInsPath, StartPose, nis_by_kind
 from stridetwin.estimators.foot_ins.learnt import LearntCalibration, read_learnt, write_learnt
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, for_sensor
+from stridetwin.estimators.foot_ins.published import THRESHOLDS, ZeroVelocityDetector
 from stridetwin.estimators.foot_ins.smoother import FootInsSmoother
 from stridetwin.estimators.foot_ins.state import IGNORED, initial_state
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import ImuCalibration, Rig
 from stridetwin.streams.samples import Array, Block, Imu
+
+METHODS = (PROPOSED, *THRESHOLDS)
+"""The filter described here, and the published ones (module `published`)."""
 
 
 class FootIns:
@@ -34,16 +38,19 @@ class FootIns:
         rig: Noise and turn-on biases of the IMU on the foot; None: any consumer sensor.
         parameters: Parameters for any foot and sensor.
         start: Pose of the sensor at the first sample.
-        options: `foot`.
+        options: `foot`, and `method`, one of `METHODS`.
+        detector: Settings of a published method, in place of those that the options' `method` has.
 
     Raises:
-        StrideTwinError: The rig has no IMU on that foot, or the options have a lag, which `batch` takes.
+        ConfigError: The method is unknown, or the options have a lag, which `batch` takes.
+        StrideTwinError: The rig has no IMU on that foot.
     """
 
     declaration: ClassVar[Declaration] = Declaration(
         name="foot_ins",
         kind=PATH,
         order=1,
+        methods=METHODS,
         per_foot=True,
         smooths=True,
         recalls=True,
@@ -60,6 +67,7 @@ class FootIns:
         start: StartPose | None = None,
         *,
         options: Options | None = None,
+        detector: ZeroVelocityDetector | None = None,
     ) -> None:
         """Prepares a foot without samples, with the noise of the rig's IMU on the foot that the options name."""
         if rig is not None:
@@ -67,13 +75,20 @@ class FootIns:
         options = options or Options()
         if options.lag_s is not None:
             raise ConfigError("FootIns", "lag_s", options.lag_s, "None; FootIns.batch and FootInsSmoother take a lag")
+        if options.method not in METHODS:
+            raise ConfigError("FootIns", "method", options.method, ", ".join(METHODS))
+        if detector is None and options.method != PROPOSED:
+            detector = ZeroVelocityDetector(method=options.method)
         calibration = None if rig is None else rig.imu(_topic(options))
         self._frame = "" if calibration is None else calibration.topic.removeprefix("/")
         self._parameters = for_sensor(parameters or FootInsParameters(), calibration)
+        # of a published method; None for the filter described here
+        gravity_mps2 = float(self._parameters.gravity_mps2)
+        self._detector = None if detector is None else published.for_kernel(detector, gravity_mps2)
         self._memory = initial_state()  # of the filter
         self._part = "" if calibration is None else calibration.part
         self._rate_hz = 0.0 if calibration is None else calibration.rate_hz
-        learnt = _recall(options, calibration)
+        learnt = None if detector is not None else _recall(options, calibration)  # published methods learn nothing
         self._bank = delay.initial_bank(None if learnt is None else learnt.force_later_s)
         if learnt is not None:
             learnt.apply_to(self._memory)
@@ -144,6 +159,8 @@ class FootIns:
         """The filter for whole blocks, or its smoother if the options have a lag."""
         if options.lag_s is None:
             return cls(rig, parameters, options=options)
+        if options.method != PROPOSED:
+            raise ConfigError("FootIns", "method", options.method, f"{PROPOSED}, for a path that is smoothed")
         calibration = None if rig is None else rig.imu(_topic(options))
         return FootInsSmoother(options.lag_s, calibration, parameters, learnt=_recall(options, calibration))
 
@@ -152,7 +169,7 @@ class FootIns:
         t_ns, rate, force = self._sample
         t_ns[0], rate[0], force[0] = sample.t_ns, sample.angular_rate, sample.specific_force
         phase, speed_sd, nominal, covariance = self._results
-        delay.run(self._memory, self._bank, self._parameters, t_ns, rate, force, *self._results)
+        self._take(t_ns, rate, force, self._results)
         if phase[0] == IGNORED:
             return None
         return FootInsEstimate.of(
@@ -182,16 +199,26 @@ class FootIns:
         """Takes a block's samples as `update` would one by one; returns the path over the usable ones."""
         rate, force = block.columns["angular_rate"], block.columns["specific_force"]
         results = self._allocate_results(len(block))
-        delay.run(
-            self._memory,
-            self._bank,
-            self._parameters,
+        self._take(
             np.ascontiguousarray(block.t_ns, dtype=np.int64),
             np.ascontiguousarray(rate, dtype=np.float64),
             np.ascontiguousarray(force, dtype=np.float64),
-            *results,
+            results,
         )
         return FootInsPath.of(block.t_ns, *results)
+
+    def _take(
+        self,
+        t_ns: NDArray[np.int64],
+        rate: Array,
+        force: Array,
+        results: tuple[NDArray[np.int8], Array, Array, Array],
+    ) -> None:
+        """Takes N samples: (N,) times, (N, 3) rad/s and (N, 3) m/s²; fills buffers of `_allocate_results`."""
+        if self._detector is None:
+            delay.run(self._memory, self._bank, self._parameters, t_ns, rate, force, *results)
+        else:
+            published.run(self._memory, self._detector, t_ns, rate, force, *results)
 
     def _allocate_results(self, n: int) -> tuple[NDArray[np.int8], Array, Array, Array]:
         """Empty buffers that `delay.run` fills for n samples.

@@ -42,6 +42,8 @@ class Gyroscope:
         resolution: One count, rad/s; 0 for none.
         delay_s: How much earlier than its stamp the motion of a sample is, as the filter of a driver makes it; the
             delay of `bandwidth_hz` is no part of it.
+        warm_up: Standard deviation of the change of the bias until the part is warm, rad/s; with a time constant of
+            five minutes.
     """
 
     noise_density: float = figure("noise_density_dps_per_rthz", 0, 1, scale=DEG, ideal=0.0)
@@ -55,6 +57,7 @@ class Gyroscope:
     bandwidth_hz: float = figure("bandwidth_hz", 5, 2000, ideal=math.inf)
     resolution: float = figure("resolution_dps", 0, 1, scale=DEG, ideal=0.0, default=0.0)
     delay_s: float = figure("delay_ms", 0, 50, scale=1e-3, ideal=0.0, default=0.0)
+    warm_up: float = figure("warm_up_dps", 0, 30, scale=DEG, ideal=0.0, default=0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,6 +76,8 @@ class Accelerometer:
         resolution: One count, m/s²; 0 for none.
         delay_s: How much earlier than its stamp the motion of a sample is, as the filter of a driver makes it; the
             delay of `bandwidth_hz` is no part of it.
+        warm_up: Standard deviation of the change of the bias until the part is warm, m/s²; with a time constant of five
+            minutes.
     """
 
     noise_density: float = figure("noise_density_ug_per_rthz", 0, 10000, scale=1e-6 * G, ideal=0.0)
@@ -85,6 +90,7 @@ class Accelerometer:
     bandwidth_hz: float = figure("bandwidth_hz", 5, 2000, ideal=math.inf)
     resolution: float = figure("resolution_mg", 0, 50, scale=1e-3 * G, ideal=0.0, default=0.0)
     delay_s: float = figure("delay_ms", 0, 50, scale=1e-3, ideal=0.0, default=0.0)
+    warm_up: float = figure("warm_up_mg", 0, 300, scale=1e-3 * G, ideal=0.0, default=0.0)
 
 
 @dataclass(frozen=True, kw_only=True)

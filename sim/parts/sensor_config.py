@@ -18,6 +18,7 @@ from stridetwin.sim.parts.figure import G
 from stridetwin.sim.parts.kinds import Part
 from stridetwin.sim.parts.library import load_part, make_ideal
 from stridetwin.sim.parts.nominal import CalibrationSd
+from stridetwin.sim.parts.population import POPULATIONS
 from stridetwin.streams.fields import DEGREES, MILLIMETRES, MILLISECONDS, Number, OneOf, Unit
 
 _Length = Annotated[Number, Field(ge=-300, le=300), MILLIMETRES]
@@ -82,6 +83,8 @@ class SensorConfig:
         part: Part in place of the standard one.
         ideal: Whether to use the noise-free version of the part.
         rate_hz: Rate in place of the part's.
+        population: Class of IMUs from which the errors of the part are drawn, once per walk; estimators get the figures
+            of the nominal part all the same. None keeps the part's. IMUs only.
         clock: Clock of every sensor of the group.
         strike: Residual error after heel strikes, m/s²; for the IMU beside the depth camera only.
         light: Brightness of the scene relative to the camera's setting; cameras only.
@@ -99,6 +102,7 @@ class SensorConfig:
     part: Part | None = None
     ideal: StrictBool = False
     rate_hz: Annotated[Number | None, Field(ge=1, le=2000)] = None
+    population: Annotated[str, OneOf(tuple(POPULATIONS))] | None = None
     clock: Clock = field(default_factory=Clock)
     strike: Annotated[Number, Field(ge=0, le=5, alias="strike_g"), Unit(G)] = 0.0
     light: Annotated[Number, Field(ge=0.001, le=10)] = 1.0

@@ -142,6 +142,7 @@ def extrapolate_back(sensor: Track, steps: int, dt: float) -> Track:
     )
 
 
+_WARM_UP_S = 300.0  # time constant of a part's temperature after it is switched on [estimated]
 INNER_HZ = 1000.0
 """Least rate at which a part with limited bandwidth samples the motion internally."""
 
@@ -195,6 +196,8 @@ class ImuModel(SensorModel[ImuCalibration, ImuPart]):
         self._wander = Wander(
             _six_axes(part, "bias_instability"), _six_axes(part, "random_walk"), part.rate_hz, noise.at(0)
         )
+        # (6,) change of each bias until the part is warm, from random numbers of its own
+        self._warm_up = noise.at(1).normal(1.0, 6) * _six_axes(part, "warm_up")
         # (6,) SD of the white noise of a sample
         self._white = _six_axes(part, "noise_density") * math.sqrt(part.rate_hz)
         self._resolution = _six_axes(part, "resolution")
@@ -229,6 +232,8 @@ class ImuModel(SensorModel[ImuCalibration, ImuPart]):
         else:  # an ideal part, or one that sends samples as often as it reads the motion
             rate, force = np.split(sensed, 2, axis=1)
         measured = np.hstack([rate, force]) + self._wander.draw(len(t_ns))
+        if self._warm_up.any():
+            measured += (1.0 - np.exp(t_ns[:, None] * (-1e-9 / _WARM_UP_S))) * self._warm_up
         measured += self._noise.normal(self._white, measured.shape)
         measured = _quantize(np.clip(measured, -self._range, self._range), self._resolution)
         return self._block(Imu, t_ns, angular_rate=measured[:, :3], specific_force=measured[:, 3:])

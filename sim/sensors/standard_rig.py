@@ -167,6 +167,8 @@ def _make_imu(
         standard: Default part: its name, or a part from the rig file of an exoskeleton; None for that of the group.
     """
     part, nominal, sensor_config = _select_part(config, group, standard)
+    if part is not nominal:  # an ideal part has no errors to draw
+        sensor_config = replace(sensor_config, population=None)
     return MountedSensor(
         group=group, calibration=nominal_imu(topic, nominal, mount), part=part, sensor_config=sensor_config
     )

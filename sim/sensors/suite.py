@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.noise import Noise
+from stridetwin.sim.parts.kinds import ImuPart
+from stridetwin.sim.parts.population import draw_part
 from stridetwin.sim.playback import Loads, Motion, Player
 from stridetwin.sim.sensors.exo_sensors import ActuatorModel, AhrsModel, EncoderModel
 from stridetwin.sim.sensors.force_cells import InsoleModel, InteractionModel
@@ -53,7 +56,7 @@ class SensorSuite:
         for topic, sensor in sensor_rig.sensors.items():
             if not isinstance(sensor.calibration, CameraCalibration):
                 stamps = Stamps(sensor.clock, sensor.calibration.rate_hz, Noise.of_topic(seed, f"{topic}#clock"))
-                model = _make_model(sensor, terrain, crowd, Noise.of_topic(seed, topic), gravity_mps2)
+                model = _make_model(_draw_part(sensor, seed), terrain, crowd, Noise.of_topic(seed, topic), gravity_mps2)
                 self._models.append((sensor, model, stamps))
 
     @property
@@ -104,6 +107,17 @@ _MODELS: dict[str, Any] = {
     "actuator": ActuatorModel,
 }
 """Model of each kind of `rig.OtherSensor`."""
+
+
+def _draw_part(sensor: MountedSensor, seed: int) -> MountedSensor:
+    """The sensor with the part of this walk, if its group draws one from a population; its calibration stays.
+
+    All sensors of a group have the same part, drawn from random numbers that no other sensor uses.
+    """
+    population, part = sensor.sensor_config.population, sensor.part
+    if population is None or not isinstance(part, ImuPart):
+        return sensor
+    return replace(sensor, part=draw_part(population, part, Noise.of_topic(seed, f"{sensor.group}#population")))
 
 
 def _make_model(sensor: MountedSensor, terrain: Terrain, crowd: Crowd, noise: Noise, gravity_mps2: float) -> Any:
