@@ -47,7 +47,7 @@ _HIP_HALF_WIDTH = 0.050  # of stature, between the hip centres / 2
 _ANKLE_HEIGHT = 0.043  # of stature, ankle centre above the bare sole
 _SHOULDER_HALF_WIDTH = 0.185 / 0.826  # of the trunk's length (trunk.xml)
 _FOOT_LENGTH = 0.148  # of stature
-_SHOE_OVER_FOOT_M = 0.012  # outer length of the shoe over the foot's
+SHOE_OVER_FOOT_M = 0.012  # outer length of the shoe over the foot's
 SHOE_SOLE_M = 0.025  # thickness of the sole under the foot
 
 
@@ -167,7 +167,7 @@ def anthropometry(person: Person) -> Anthropometry:
         forearm_m=length("forearm"),
         ankle_height_m=own.ankle_height_m or bare_ankle + SHOE_SOLE_M,
         hip_half_width_m=own.hip_width_m / 2 if own.hip_width_m else _HIP_HALF_WIDTH * person.height_m,
-        shoe_length_m=(person.shoe_m or _FOOT_LENGTH * person.height_m) + _SHOE_OVER_FOOT_M,
+        shoe_length_m=(person.shoe_m or _FOOT_LENGTH * person.height_m) + SHOE_OVER_FOOT_M,
         trunk_m=trunk,
         shoulder_half_width_m=own.shoulder_width_m / 2 if own.shoulder_width_m else _SHOULDER_HALF_WIDTH * trunk,
         inertials=inertials,
