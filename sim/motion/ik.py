@@ -26,7 +26,7 @@ from stridetwin.streams.samples import Array
 _CHUNK = 256  # frames whose Jacobians are held at once
 _STATURE_M = 1.741  # of the person for whom the sets of markers are written
 _INDEPENDENT_FRAMES = 20.0  # a skin marker's error changes slowly: frames of a walk whose errors are independent
-_LENGTH_SD = {"hip_width_m": 0.02, "trunk_m": 0.05, "ankle_height_m": 0.012, "shoe_m": 0.015}
+_LENGTH_SD = {"hip_width_m": 0.01, "trunk_m": 0.05, "ankle_height_m": 0.012, "shoe_m": 0.015}
 _USUAL_LENGTH_SD_M = 0.03
 _LENGTH_LIMITS_M = {
     "thigh_m": (0.28, 0.56), "shank_m": (0.28, 0.56), "ankle_height_m": (0.06, 0.15), "hip_width_m": (0.11, 0.24),
