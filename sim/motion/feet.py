@@ -17,7 +17,7 @@ from stridetwin.sim.motion.stances import FootTrack, Stance
 from stridetwin.sim.wearer.dimensions import Shoe
 from stridetwin.streams.samples import Array
 
-_FIRM = 1e4  # weight of a correction in a rest, over that of one between rests
+_FIRM = 1e5  # weight of a correction in a rest, over that of one between rests
 _LIFT_ROUNDS = 6
 _TOE_LIMIT_RAD = 1.2
 
@@ -48,13 +48,14 @@ def ground_foot(
     frames = [_sole_frame(s, float(slope)) for s, slope in zip(stances, slopes)]
     origins = [np.array([s.p[0], s.p[1], z]) for s, z in zip(stances, heights)]
 
+    flats = [slice(*s.flat) for s in stances if s.flat is not None]
     turn, firm = np.zeros((n, 3)), np.zeros(n)
     for stance, frame in zip(stances, frames):
         if stance.flat is not None:
             rows = slice(*stance.flat)
             turn[rows] = Rotation.from_matrix(frame @ np.swapaxes(track.R[rows], 1, 2)).as_rotvec()
             firm[rows] = _FIRM
-    R = Rotation.from_rotvec(_fill(turn, firm, dt, parameters.ramp_s)).as_matrix() @ track.R
+    R = Rotation.from_rotvec(_fill(turn, firm, flats, dt, parameters.ramp_s)).as_matrix() @ track.R
 
     shift, firm_xy, firm_z = np.zeros((n, 3)), np.zeros(n), np.zeros(n)
     rolled = FootTrack(side=track.side, p=track.p, R=R, toe=track.toe)
@@ -71,8 +72,8 @@ def ground_foot(
                 shift[rest, :2] = (origin + x * frame[:, 0])[:2] - point[rest, :2]
                 firm_xy[rest] = _FIRM
     p = track.p.copy()
-    p[:, :2] += _fill(shift[:, :2], firm_xy, dt, parameters.ramp_s)
-    p[:, 2] += _fill(shift[:, 2:], firm_z, dt, parameters.ramp_s)[:, 0]
+    p[:, :2] += _fill(shift[:, :2], firm_xy, flats, dt, parameters.ramp_s)
+    p[:, 2] += _fill(shift[:, 2:], firm_z, flats, dt, parameters.ramp_s)[:, 0]
     toe = _toe_angles(R, stances, frames, dt, parameters)
     placed = FootTrack(side=track.side, p=p, R=R, toe=toe)
     return _lift(placed, stances, shoe, height, dt, parameters)
@@ -116,7 +117,7 @@ def _toe_angles(
         pitch = np.arcsin(np.clip(-ahead @ frame[:, 2], -1.0, 1.0))  # toes down positive
         target[rows, 0] = np.clip(pitch, 0.0, _TOE_LIMIT_RAD)
         firm[rows] = _FIRM
-    return _fill(target, firm, dt, parameters.ramp_s, to_zero=True)[:, 0]
+    return _fill(target, firm, (), dt, parameters.ramp_s)[:, 0]
 
 
 def _lift(
@@ -142,28 +143,29 @@ def _lift(
             break
         target[deep] = lift[deep] + depth[deep]
         active[deep] = 1.0
-        lift = _fill(target[:, None], active * _FIRM, dt, parameters.ramp_s, to_zero=True)[:, 0]
+        lift = _fill(target[:, None], active * _FIRM, (), dt, parameters.ramp_s)[:, 0]
     return FootTrack(side=track.side, p=track.p + lift[:, None] * [0.0, 0.0, 1.0], R=track.R, toe=track.toe)
 
 
-def _fill(target: Array, firm: Array, dt: float, ramp_s: float, to_zero: bool = False) -> Array:
+def _fill(target: Array, firm: Array, rests: Sequence[slice], dt: float, ramp_s: float) -> Array:
     """(N, C) smooth values that equal a target where it is firm.
 
-    Elsewhere they return, within about `ramp_s`, to the line between the targets on both sides, or to zero. They
-    minimise firm (c − target)² + (c − line)² + (ramp / 2 π)⁶ (d³c/dt³)².
+    Elsewhere they return, within about `ramp_s`, to the line through the means of the target in rests, or to zero if
+    there are none. They minimise firm (c − target)² + (c − line)² + (ramp / 2 π)⁶ (d³c/dt³)².
 
     Args:
         target: (N, C) values; only firm ones count.
         firm: (N,) their weights; 0 between rests.
+        rests: Rows of each rest.
         dt: Time between two rows, s.
         ramp_s: Time of the return.
-        to_zero: Whether they return to zero instead of to the line.
     """
     n = len(target)
-    rows = np.flatnonzero(firm)
     line = np.zeros_like(target)
-    if len(rows) and not to_zero:
-        line = np.stack([np.interp(np.arange(n), rows, target[rows, c]) for c in range(target.shape[1])], axis=1)
+    if rests:
+        middle = [0.5 * (rest.start + rest.stop - 1) for rest in rests]
+        means = np.array([target[rest].mean(0) for rest in rests])
+        line = np.stack([np.interp(np.arange(n), middle, means[:, c]) for c in range(target.shape[1])], axis=1)
     smooth = (ramp_s / (2.0 * np.pi) / dt) ** 6
     band = np.zeros((4, n))
     band[0] = 1.0 + firm
@@ -171,5 +173,5 @@ def _fill(target: Array, firm: Array, dt: float, ramp_s: float, to_zero: bool = 
     for i, a in enumerate(coefficients):
         for j in range(i + 1):
             band[i - j, j : n - 3 + j] += smooth * a * coefficients[j]
-    right = line + firm[:, None] * np.where(firm[:, None] > 0.0, target, 0.0)
+    right = line + firm[:, None] * target
     return np.asarray(solveh_banded(band, right, lower=True))

@@ -22,6 +22,7 @@ _MIN_WIDTH_M = 2.4
 _STRAIGHT = 0.9  # distance of the ends over the length of the path, of a walk in one direction
 _TREADS_M = (0.20, 0.55)  # depths of treads that are tried
 _USUAL_RISER_M, _HIGHEST_RISER_M = 0.17, 0.25
+_BUILDERS_STEP_M, _BUILDERS_SD_M = 0.63, 0.03
 _SWING_WEIGHT = 0.3  # of the depth of a swinging foot in a step, relative to that of a footprint
 _MAX_STEEP = 0.3  # rise over run of a ramp
 
@@ -55,7 +56,8 @@ class Ground:
 
     Attributes:
         route: Segments.
-        heights: (K,) m, height of the ground under each stance, in the order of the stances that were given.
+        heights: (K,) m, height of the ground under each stance, in the order of the stances that were given; NaN of a
+            foot that never lies flat and is at none of the heights of the others: it has not landed.
         slopes: (K,) rad, inclination along x under each stance, uphill positive.
         riser_mm, tread_mm: Heights, up positive, and depths of the risers that were found, for people.
     """
@@ -87,7 +89,8 @@ def place_route(stances: Sequence[Stance], path: Array) -> RoutePlacement:
     turned, feet = rotation.points(path), rotation.points(places)
     x = min(feet[0, 0] - _BEFORE_M, turned[:, 0].min() + _BEHIND_M, feet[:, 0].min() + _BEHIND_M)
     y = 0.5 * (feet[:, 1].min() + feet[:, 1].max())
-    return replace(rotation, shift=-np.array([x, y, feet[0, 2]]))
+    first = next((k for k, stance in enumerate(stances) if stance.flat is not None), 0)
+    return replace(rotation, shift=-np.array([x, y, feet[first, 2]]))
 
 
 def find_ground(
@@ -110,7 +113,10 @@ def find_ground(
     z = _without_bias(stances, parameters)
     order = np.argsort([s.ground[0] for s in stances], kind="stable")
     groups: list[list[int]] = []
-    for k in order:
+    flat = np.array([s.flat is not None for s in stances])
+    if not flat.any():
+        raise StrideTwinError("no foot ever lies flat on the ground: a terrain cannot be found; give the terrain")
+    for k in order[flat[order]]:
         if groups and abs(z[k] - np.mean(z[groups[-1]])) < parameters.riser_m:
             groups[-1].append(int(k))
         else:
@@ -124,6 +130,10 @@ def find_ground(
     levels = levels - levels[0]
     for group, level in zip(groups, levels):
         heights[group] = level
+    first = float(np.mean(z[groups[0]]))
+    for k in np.flatnonzero(~flat):
+        nearest = levels[int(np.argmin(np.abs(levels - (z[k] - first))))]
+        heights[k] = nearest if abs(nearest - (z[k] - first)) < parameters.riser_m else np.nan
     if len(groups) == 1:
         route = Route(segments=(Level(length_m=reach),), width_m=width)
         return Ground(route=route, heights=heights, slopes=slopes, riser_mm=(), tread_mm=())
@@ -159,12 +169,15 @@ def _without_bias(stances: Sequence[Stance], parameters: MotionParameters) -> Ar
     """
     z = np.array([s.p[2] for s in stances])
     right = np.array([s.side == "r" for s in stances])
+    flat = np.array([s.flat is not None for s in stances])
     if right.all() or not right.any():
         return z
-    if np.ptp(z[right]) < parameters.riser_m and np.ptp(z[~right]) < parameters.riser_m:
-        bias = float(np.median(z[right]) - np.median(z[~right]))
+    if not (right & flat).any() or not (~right & flat).any():
+        return z
+    if np.ptp(z[right & flat]) < parameters.riser_m and np.ptp(z[~right & flat]) < parameters.riser_m:
+        bias = float(np.median(z[right & flat]) - np.median(z[~right & flat]))
         return z - bias * right if abs(bias) < parameters.riser_m else z
-    steps, sign = np.diff(z), np.diff(right.astype(float))
+    steps, sign = np.diff(z[flat]), np.diff(right[flat].astype(float))
     used = (sign != 0.0) & (np.abs(steps) > parameters.riser_m)
     if used.sum() < 3:
         return z
@@ -178,8 +191,9 @@ def _riser_bounds(
 ) -> tuple[list[float], list[tuple[float, float]]]:
     """Heights of the risers between groups of stances, m, and for each the range of x in which its edge lies.
 
-    On the way up the tip of a foot below is in front of the riser, and the ball of a foot above is behind it. On the
-    way down the ball of a foot above has not passed the edge, and the heel of a foot below has.
+    On the way up the tip of a foot below is in front of the riser, and the heel of a foot above is behind it; if feet
+    overhang the edge, then its ball is. On the way down the ball of a foot above has not passed the edge, and the heel
+    of a foot below has.
     """
     risers: list[float] = []
     bounds: list[tuple[float, float]] = []
@@ -188,9 +202,10 @@ def _riser_bounds(
         return float(stance.p[0] + along * np.cos(stance.yaw))
 
     for (before, after), rise in zip(zip(groups, groups[1:]), rises.tolist()):
-        front, back = (shoe.flat_tip_x, shoe.toe_hinge_x) if rise > 0 else (shoe.toe_hinge_x, shoe.heel_back_x)
-        low = max(x_of(stances[k], front) for k in before)
-        high = min(x_of(stances[k], back) for k in after)
+        low = max(x_of(stances[k], shoe.flat_tip_x if rise > 0 else shoe.toe_hinge_x) for k in before)
+        high = min(x_of(stances[k], shoe.heel_back_x) for k in after)
+        if high < low:
+            high = max(low, min(x_of(stances[k], shoe.toe_hinge_x) for k in after))
         count = 1 if abs(rise) <= _HIGHEST_RISER_M else max(2, round(abs(rise) / _USUAL_RISER_M))
         for _ in range(count):  # a foot that takes two treads at a time leaves their common edge open
             risers.append(rise / count)
@@ -234,12 +249,16 @@ def _place_edges(
         middle = float(np.mean(0.5 * (low + high) - number * tread))
         for first in middle + np.arange(-0.12, 0.121, 0.005):
             edges = first + number * tread
-            outside = np.maximum(low + margin - edges, 0.0) + np.maximum(edges - (high - margin), 0.0)
-            cost = float(np.sum(outside**2)) + 1e-3 * float(np.mean((edges - 0.5 * (low + high)) ** 2))
+            outside = np.maximum(low - edges, 0.0) + np.maximum(edges - high, 0.0)
+            # narrow ranges count more: an edge may be anywhere in a wide one
+            off = (edges - 0.5 * (low + high)) / (high - low + margin)
+            cost = float(np.sum((outside / margin) ** 2)) + float(np.sum(off**2))
+            # Blondel's rule of builders: two risers and a tread are a step of 0.63 m
+            cost += ((2.0 * abs(float(np.mean(risers))) + float(tread) - _BUILDERS_STEP_M) / _BUILDERS_SD_M) ** 2
             if cost > best_cost:
                 continue
             deep = np.clip(tops[np.searchsorted(edges, soles[:, 0], side="right")] - soles[:, 2], 0.0, 0.10)
-            cost += _SWING_WEIGHT * float(np.mean(deep**2)) * len(risers)
+            cost += _SWING_WEIGHT * float(np.mean((deep / margin) ** 2))
             if cost < best_cost:
                 best, best_cost = edges, cost
     assert best is not None

@@ -165,6 +165,7 @@ def solve_coordinates(
     dt: float,
     parameters: MotionParameters,
     rounds: int | None = None,
+    targets: PointSet | None = None,
 ) -> Array:
     """(N, D) coordinates that fit the paths of points best, smooth in time.
 
@@ -175,8 +176,8 @@ def solve_coordinates(
         dt: Time between two rows, s.
         parameters: Scatter, smoothing and number of steps.
         rounds: Number of steps, if it is another one.
+        targets: Further points, whose paths are smooth already, so that they do not decide how much is smoothed.
     """
-    n, count = x.shape
     smoothing: Array | None = None
     for _ in range(rounds or parameters.rounds):
         prior = posture_prior(skeleton, points, x, dt, parameters)
@@ -185,6 +186,9 @@ def solve_coordinates(
             typical = np.mean(H, axis=0)  # of positive definite matrices, hence positive definite
             information = 1.0 / np.diag(np.linalg.inv(typical))
             smoothing = information * (2.0 * np.pi * parameters.cutoff_hz * dt) ** -6
+        if targets is not None:
+            H_targets, g_targets = _point_equations(skeleton, targets, x, parameters)
+            H, g = H + H_targets, g + g_targets
         x = x + _solve_smooth(H, g, x, smoothing)
     return x
 
@@ -261,6 +265,15 @@ def _normal_equations(
     skeleton: Skeleton, points: PointSet, x: Array, prior: Array, parameters: MotionParameters
 ) -> tuple[Array, Array]:
     """(N, D, D) and (N, D), normal equations of every frame: points, posture and joint limits."""
+    H, g = _point_equations(skeleton, points, x, parameters)
+    _add_priors(skeleton, x, prior, parameters, H, g)
+    return H, g
+
+
+def _point_equations(
+    skeleton: Skeleton, points: PointSet, x: Array, parameters: MotionParameters
+) -> tuple[Array, Array]:
+    """(N, D, D) and (N, D), normal equations of every frame for the paths of points."""
     n, count = x.shape
     H, g = np.zeros((n, count, count)), np.zeros((n, count))
     for begin in range(0, n, _CHUNK):
@@ -273,7 +286,6 @@ def _normal_equations(
         e = (error * w[..., None]).reshape(len(at), -1)
         H[rows] = np.swapaxes(J, 1, 2) @ J
         g[rows] = np.einsum("nkd,nk->nd", J, e)
-    _add_priors(skeleton, x, prior, parameters, H, g)
     return H, g
 
 

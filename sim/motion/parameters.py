@@ -25,6 +25,7 @@ class MotionParameters:
         still_mps: Speed below which a point of the sole rests.
         moving_mps: Speed above which it has certainly left its rest.
         min_rest_s: Shortest rest.
+        same_place_m, same_rest_s: Way and time of a foot between two rests that are still one.
         max_rise_m: Height above its stance at which a point is no longer on the ground.
         ramp_s: Time in which a foot passes from its recorded path to its rest.
         lift_sd_m: Depth into the ground that is left to a foot.
@@ -44,11 +45,13 @@ class MotionParameters:
     calibration_frames: int = 90
     calibration_rounds: int = 8
     rounds: int = 4
-    foot_sd_m: float = 0.0005
-    still_mps: float = 0.30
+    foot_sd_m: float = 0.0001
+    still_mps: float = 0.25
     moving_mps: float = 0.60
     min_rest_s: float = 0.06
-    max_rise_m: float = 0.04
+    same_place_m: float = 0.04
+    same_rest_s: float = 0.30
+    max_rise_m: float = 0.012
     ramp_s: float = 0.08
     lift_sd_m: float = 0.0005
     riser_m: float = 0.04

@@ -78,7 +78,7 @@ def find_stances(track: FootTrack, shoe: Shoe, dt: float, parameters: MotionPara
     shortest = max(2, round(parameters.min_rest_s / dt))
     resting = np.minimum(heel_speed, ball_speed) < parameters.still_mps
     stances = []
-    for begin, end in _spans(resting, shortest):
+    for begin, end in _join_rests(_spans(resting, shortest), heel, ball, dt, parameters):
         rows = slice(begin, end)
         heel_rest = _longest(heel_speed[rows] < parameters.still_mps, begin, shortest)
         ball_rest = _longest(ball_speed[rows] < parameters.still_mps, begin, shortest)
@@ -144,6 +144,24 @@ def _spans(mask: NDArray[np.bool_], shortest: int) -> list[Span]:
         else:
             joined.append((begin, end))
     return [(a, b) for a, b in joined if b - a >= shortest]
+
+
+def _join_rests(
+    spans: list[Span], heel: Array, ball: Array, dt: float, parameters: MotionParameters
+) -> list[Span]:
+    """Rests of a foot, with those made one between which it moves a little, but neither lifts off nor steps."""
+    joined: list[Span] = []
+    for begin, end in spans:
+        if joined:
+            since = joined[-1][1] - 1
+            low = np.minimum(heel[since : begin + 1, 2], ball[since : begin + 1, 2])
+            moved = max(np.linalg.norm(point[begin] - point[since]) for point in (heel, ball))
+            is_near = moved < parameters.same_place_m and (begin - since) * dt < parameters.same_rest_s
+            if is_near and np.ptp(low) < parameters.max_rise_m:
+                joined[-1] = (joined[-1][0], end)
+                continue
+        joined.append((begin, end))
+    return joined
 
 
 def _longest(mask: NDArray[np.bool_], begin: int, shortest: int) -> Span | None:
