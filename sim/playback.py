@@ -1,4 +1,4 @@
-"""Plays a planned walk without a simulation.
+"""Plays a planned or recorded walk without a simulation.
 
 Inverse dynamics gives the ground reaction wrench, which is distributed between the two feet.
 """
@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from stridetwin.sim.config import SIDES
 from stridetwin.sim.gait.heel_strike import UpperMotion
-from stridetwin.sim.gait.reference import Reference, WalkMotion
 from stridetwin.sim.kinematics import rigid_tree
 from stridetwin.sim.kinematics.rigid_tree import Tree
 from stridetwin.sim.kinematics.track import Track
+from stridetwin.sim.walk import GivenWalk, Walk
 from stridetwin.sim.wearer.body import bodies_to_track
 from stridetwin.sim.wearer.exo_couplings import BodyState, Coupling, exo_couplings, wrench
 from stridetwin.sim.wearer.sensor_bodies import UPPERS
@@ -161,7 +161,7 @@ class Loads:
     motors: dict[str, Array] = field(default_factory=dict)
 
 
-AnyWalk = TypeVar("AnyWalk", bound=WalkMotion, covariant=True)
+AnyWalk = TypeVar("AnyWalk", bound=Walk, covariant=True)
 
 
 class Player(Generic[AnyWalk]):
@@ -233,8 +233,8 @@ class Player(Generic[AnyWalk]):
         return self._uppers[body].upper_track(track) if body in self._uppers else track
 
 
-class Playback(Player[Reference]):
-    """Player of a planned walk, exactly as planned; its loads follow from inverse dynamics."""
+class Playback(Player[GivenWalk]):
+    """Player of a planned or recorded walk, exactly as given; its loads follow from inverse dynamics."""
 
     def loads(self, t_ns: NDArray[np.int64], motion: Motion) -> Loads:
         """Contact loads and joint torques by inverse dynamics of the whole body.
@@ -246,19 +246,19 @@ class Playback(Player[Reference]):
             t_ns: (N,) instants, which are among those of `motion`.
             motion: Motion of the wearer.
         """
-        model, tree, reference = self._model, self._tree, self._walk
-        q, v, a = reference.state(t_ns * 1e-9)
+        model, tree, walk = self._model, self._tree, self._walk
+        q, v, a = walk.state(t_ns * 1e-9)
         rows = motion.rows(t_ns)
         # (N, 3) force and moment about the root that the ground has to provide
         total, torque, _ = rigid_tree.root_wrench(tree, q, v, a, model.opt.gravity)
-        planned = reference.loads(t_ns * 1e-9)
+        shares = walk.contact_shares(t_ns * 1e-9)
         feet, residual_force, residual_torque = split_wrench(
             total,
             torque,
             q[:, :3],
-            # columns of `planned`: share (1) and centre of pressure (3) of the left, then of the right foot
-            {side: planned[:, 4 * k] for k, side in enumerate(SIDES)},
-            {side: planned[:, 4 * k + 1 : 4 * k + 4] for k, side in enumerate(SIDES)},
+            # columns of `shares`: share (1) and centre of pressure (3) of the left, then of the right foot
+            {side: shares[:, 4 * k] for k, side in enumerate(SIDES)},
+            {side: shares[:, 4 * k + 1 : 4 * k + 4] for k, side in enumerate(SIDES)},
             {side: motion.tracks[f"foot_{side}"].p_body_in_world[rows] for side in SIDES},
         )
         # external wrenches on bodies: (body, (N, 3) force, (N, 3) moment about the body's origin), world axes

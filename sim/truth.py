@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.sim.config import SIDES
-from stridetwin.sim.gait.reference import WalkMotion
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.playback import Loads, Motion
 from stridetwin.sim.sensors.mount_slip import MountSlips
+from stridetwin.sim.walk import Walk
 from stridetwin.sim.world.bystanders import Crowd
 from stridetwin.streams.algebra.arrays import to_quaternion
 from stridetwin.streams.rig import Rig
@@ -24,7 +24,7 @@ _FLAT_RAD = 0.01  # pitch below which a foot counts as flat
 
 
 def truth(
-    walk: WalkMotion, rig: Rig, motion: Motion, loads: Loads, after_ns: int, until_ns: int, mount_slips: MountSlips
+    walk: Walk, rig: Rig, motion: Motion, loads: Loads, after_ns: int, until_ns: int, mount_slips: MountSlips
 ) -> Iterator[Block[Sample] | Sample]:
     """Ground truth: poses, joints, ground reactions and foot phases at the instants of `loads`, and footprints.
 
@@ -83,7 +83,7 @@ def bystander_truth(crowd: Crowd, t_ns: NDArray[np.int64]) -> Iterator[Block[Odo
         yield _odometry(f"/truth/bystander_{i}/odometry", person.track(t_ns))
 
 
-def foot_phase(walk: WalkMotion, side: str, t: NDArray[np.floating]) -> NDArray[np.uint8]:
+def foot_phase(walk: Walk, side: str, t: NDArray[np.floating]) -> NDArray[np.uint8]:
     """(N,) phase of a foot at (N,) s, in the phases of Shim et al. 2019.
 
     0 swing; 1 contact, from touch-down until the foot is flat; 2 flat, with less than `_FLAT_RAD` of pitch either way;
@@ -120,7 +120,7 @@ def _wrench(topic: str, t_ns: NDArray[np.int64], force: Any, torque: Any) -> Blo
     return Block(topic=topic, kind=Wrench, t_ns=t_ns, columns={"force_in_world": force, "torque_in_world": torque})
 
 
-def _footprints(walk: WalkMotion, after_ns: int, until_ns: int) -> Iterator[Footprint]:
+def _footprints(walk: Walk, after_ns: int, until_ns: int) -> Iterator[Footprint]:
     """Footprints with a touch-down after `after_ns` and up to `until_ns`, in order of time.
 
     The feet that stand at the start come first, with the stamps 0 and 1.

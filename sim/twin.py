@@ -31,6 +31,7 @@ from stridetwin.sim.sensors.model import instants
 from stridetwin.sim.sensors.mount_slip import MountSlips
 from stridetwin.sim.sensors.standard_rig import foot_imu_position, sensor_rig
 from stridetwin.sim.sensors.suite import SensorSuite
+from stridetwin.sim.walk import GivenWalk
 from stridetwin.sim.wearer.body import compile_model
 from stridetwin.sim.world.bystanders import Crowd, plan_bystanders, pose_crowd
 from stridetwin.streams.errors import ConfigError
@@ -60,7 +61,7 @@ class Twin:
         model: Compiled MuJoCo model.
         crowd: Bystanders.
         size: Dimensions of the wearer.
-        reference: The planned motion.
+        given_walk: The motion as it was given; a forward simulation follows it.
 
     Raises:
         ConfigError: A value that cannot be built or walked.
@@ -87,15 +88,15 @@ class Twin:
         self.rig: Rig = self.sensor_rig.nominal(seed)
         self.model: mujoco.MjModel = compile_model(composed.spec)
         check_legs(self.model, self.size)
-        self.reference: Reference = plan(config, self.model, self.size, self.terrain, self._rng(_STEPS))
+        self.given_walk: GivenWalk = plan(config, self.model, self.size, self.terrain, self._rng(_STEPS))
         self._plan_control = plan_control
-        grid, paths = self.reference.grid, self.reference.paths
+        grid = self.given_walk.grid
         self.crowd: Crowd = plan_bystanders(
             config.route.bystanders,
             self.terrain,
             grid,
-            (paths["l"].s + paths["r"].s) / 2,  # arc length of the walker
-            self.reference.splines(grid)[:, :2],  # x and y of the pelvis
+            self.given_walk.progress(grid),
+            self.given_walk.splines(grid)[:, :2],  # x and y of the pelvis
             self._rng(_CROWD),
         )
 
@@ -129,15 +130,26 @@ class Twin:
         return float(self.model.body_subtreemass[1])  # body 1 is the root of the wearer
 
     @property
+    def reference(self) -> Reference:
+        """The planned motion.
+
+        Raises:
+            TypeError: The motion is recorded.
+        """
+        if not isinstance(self.given_walk, Reference):
+            raise TypeError(f"{self.config.name}: a recorded motion has no plan")
+        return self.given_walk
+
+    @property
     def duration_s(self) -> float:
         """Length of the walk, s."""
         return self.walk.duration_s
 
     @cached_property
-    def walk(self) -> Reference | SimulatedWalk:
-        """The wearer's motion: the plan itself, or its forward simulation with contacts."""
+    def walk(self) -> GivenWalk | SimulatedWalk:
+        """The wearer's motion: the given one itself, or its forward simulation with contacts."""
         if self.config.physics == "kinematic":
-            return self.reference
+            return self.given_walk
         simulation = self.simulation()
         while not simulation.is_over:
             simulation.step()
@@ -181,7 +193,7 @@ class Twin:
     def _player(self, uppers: Mapping[str, UpperMotion]) -> Playback | Replay:
         """Player of the walk on this twin's model.
 
-        A simulated walk gets a `Replay`, whose loads are those that the simulation recorded. A planned walk gets a
+        A simulated walk gets a `Replay`, whose loads are those that the simulation recorded. A given walk gets a
         `Playback`, whose loads follow from inverse dynamics.
 
         Args:

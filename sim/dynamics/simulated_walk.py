@@ -11,8 +11,9 @@ from scipy.interpolate import BSpline
 
 from stridetwin.sim.config import SIDES
 from stridetwin.sim.gait.footsteps import Footstep
-from stridetwin.sim.gait.reference import Reference, WalkMotion
+from stridetwin.sim.gait.reference import Reference
 from stridetwin.sim.playback import FootLoad, Loads, Motion, Player
+from stridetwin.sim.walk import Walk
 from stridetwin.streams.algebra.arrays import from_euler
 from stridetwin.streams.samples import Array
 
@@ -43,7 +44,7 @@ class FootRecord(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SimulatedWalk(WalkMotion):
+class SimulatedWalk(Walk):
     """Result of the simulation; it ends where the walker fell.
 
     The coordinates of the physics steps are the control points of cubic B-splines, so that position, velocity and

@@ -25,6 +25,7 @@ from stridetwin.sim.gait.foot_placement import (
 )
 from stridetwin.sim.gait.style import Style, apply_shuffle, level_style, pace, prolong, style_at
 from stridetwin.sim.kinematics.smooth import smooth_gaussian
+from stridetwin.sim.walk import Stance
 from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.streams.algebra.arrays import rot_x, rot_y, rot_z
 from stridetwin.streams.errors import ConfigError
@@ -225,42 +226,28 @@ def _step_styles(holds: Sequence[Foothold], rises: Sequence[float], durations: A
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Footstep:
-    """One footprint and its time on the ground.
+class Footstep(Stance):
+    """A planned stance, and how the foot comes there and leaves.
 
     Attributes:
-        foot: `l` or `r`.
-        p_foot_in_world: (3,) m, the flat foot's origin.
-        R_world_sole: (3, 3) of the flat foot: x along the foot in the ground's plane, z the ground's normal.
         s: Arc length along the way, m.
         heading: Direction of the way there, rad, unwrapped.
         slope: Inclination of the ground along the way, rad, uphill positive.
         rise: Height above the other foot's previous footprint, m.
         fall: Height above the other foot's next footprint, m.
-        terrain: level, stair or ramp.
-        mode: Locomotion mode of the step that ends here: LG, SA, SD, RA or RD.
         arrival: heel, flat or forefoot: the part that touches down first.
         departure: push, climb or lower: manner of toe-off.
-        t_touch: Touch-down, s; -inf for the feet that stand at the start.
-        t_off: Toe-off, s; inf for the feet that stand at the end.
         style: Style of the step that ends here.
         clearance_m: Clearance of the sole above the ground on the way here, m.
     """
 
-    foot: str
-    p_foot_in_world: Array
-    R_world_sole: Array
     s: float
     heading: float
     slope: float
     rise: float
     fall: float
-    terrain: str
-    mode: str
     arrival: str
     departure: str
-    t_touch: float
-    t_off: float
     style: Style
     clearance_m: float = CLEARANCE_M
 

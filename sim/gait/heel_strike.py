@@ -18,9 +18,9 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.sim.gait.footsteps import Footstep
 from stridetwin.sim.kinematics import smooth
 from stridetwin.sim.kinematics.track import Track
+from stridetwin.sim.walk import Stance
 from stridetwin.streams.algebra.arrays import cross
 from stridetwin.streams.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.streams.samples import Array
@@ -200,14 +200,14 @@ class UpperMotion:
     @classmethod
     def of(
         cls,
-        steps: Sequence[Footstep],
+        steps: Sequence[Stance],
         pitch: Callable[[Array], Array],
         speed: Callable[[Array], Array],
         pivot: Array,
         rng: np.random.Generator,
         parameters: ShoeParameters,
     ) -> Self:
-        """Motion of the upper for a walk with the footsteps of one foot.
+        """Motion of the upper for a walk with the stances of one foot.
 
         Args:
             steps: Footsteps of the foot in order of time.
@@ -347,7 +347,7 @@ def _add_rocks(
                     rate[i, 3 + k] += changing * wave + window * amplitude * omega * math.cos(angle)
 
 
-def _slap_time(step: Footstep, pitch: Callable[[Array], Array], flat_rad: float) -> float:
+def _slap_time(step: Stance, pitch: Callable[[Array], Array], flat_rad: float) -> float:
     """Time at which the sole slaps down after touch-down, s: the first instant with a pitch below `flat_rad`.
 
     It is found in steps of 2 ms; it is the touch-down itself if the foot does not become flat within 0.4 s.

@@ -7,7 +7,6 @@ pendulum, then corrected by the inverse dynamics of the whole body.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -34,6 +33,7 @@ from stridetwin.sim.gait.posture import Posture, plan_posture
 from stridetwin.sim.gait.style import leg_length
 from stridetwin.sim.kinematics.coordinates import Coordinates
 from stridetwin.sim.kinematics.rigid_tree import Tree, root_wrench
+from stridetwin.sim.walk import GivenWalk
 from stridetwin.sim.wearer.body import LEG_JOINTS
 from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.sim.wearer.exo_couplings import leg_frame
@@ -132,53 +132,30 @@ _REACH_TOLERANCE_M = 5e-4  # a foot farther out of reach is an error
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class WalkMotion(ABC):
-    """A walk as functions of time, planned or simulated.
-
-    Attributes:
-        duration_s: Length of the walk.
-        size: Wearer.
-        steps: Footsteps of each foot in order of time, initial stance first.
-        coordinates: Layout of the generalised coordinates.
-        splines: Splines of the coordinates (`Coordinates.names`).
-    """
-
-    duration_s: float
-    size: Wearer
-    steps: dict[str, list[Footstep]]
-    coordinates: Coordinates
-    splines: BSpline
-
-    def state(self, t: NDArray[np.floating]) -> tuple[Array, Array, Array]:
-        """Generalised position (N, nq), velocity (N, nv) and acceleration (N, nv) at (N,) s, in MuJoCo's layout."""
-        return self.coordinates.evaluate(self.splines, np.clip(t, 0.0, self.duration_s))
-
-    def position_velocity(self, t: NDArray[np.floating]) -> tuple[Array, Array]:
-        """Generalised position (N, nq) and velocity (N, nv) at (N,) s, in MuJoCo's layout; faster than `state`."""
-        return self.coordinates.position_velocity(self.splines, np.clip(t, 0.0, self.duration_s))
-
-    @abstractmethod
-    def pitch(self, side: str, t: NDArray[np.floating]) -> Array:
-        """(N,) rad, pitch of a foot relative to the ground under it, toes down positive."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Reference(WalkMotion):
+class Reference(GivenWalk):
     """A planned walk; its splines are quintic.
 
     Attributes:
+        steps: Footsteps of each foot in order of time, initial stance first.
         loads: Cubic splines of share (1) and planned centre of pressure (3) of the left, then the right foot.
         paths: Foot paths on the grid, for the phases.
-        grid: (N,) s.
     """
 
+    steps: dict[str, list[Footstep]]
     loads: BSpline
     paths: dict[str, FootPath]
-    grid: Array
 
     def pitch(self, side: str, t: NDArray[np.floating]) -> Array:
         """(N,) rad, planned pitch of a foot relative to the ground under it at (N,) s, toes down positive."""
         return np.interp(t, self.grid, self.paths[side].pitch)
+
+    def contact_shares(self, t: NDArray[np.floating]) -> Array:
+        """(N, 8) at (N,) s: share of the load and centre of pressure (3, m, world) of the left, then the right foot."""
+        return self.loads(t)
+
+    def progress(self, t: NDArray[np.floating]) -> Array:
+        """(N,) m, arc length along the way at (N,) s, midway between the feet."""
+        return np.interp(t, self.grid, (self.paths["l"].s + self.paths["r"].s) / 2)
 
 
 def plan_reference(

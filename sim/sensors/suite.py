@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from stridetwin.sim.gait.reference import WalkMotion
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.playback import Loads, Motion, Player
@@ -18,6 +17,7 @@ from stridetwin.sim.sensors.model import Instants, Stamps, instants, step_ends
 from stridetwin.sim.sensors.mount_slip import MountSlips
 from stridetwin.sim.sensors.sonar import SonarModel
 from stridetwin.sim.sensors.standard_rig import MountedSensor, SensorRig
+from stridetwin.sim.walk import Walk
 from stridetwin.sim.world.bystanders import Crowd
 from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
@@ -67,7 +67,7 @@ class SensorSuite:
         return max((m.delay_s for s, m, _ in self._models if isinstance(s.calibration, ImuCalibration)), default=0.0)
 
     def read(
-        self, player: Player[WalkMotion], motion: Motion, loads: Loads, after_ns: int, until_ns: int
+        self, player: Player[Walk], motion: Motion, loads: Loads, after_ns: int, until_ns: int
     ) -> Iterator[Block[Sample]]:
         """One block per topic, with the samples after `after_ns` and up to `until_ns`.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -13,8 +13,8 @@ from stridetwin.estimators.locomotion_mode import MODES
 from stridetwin.sim.config import SIDES, Exo, TwinConfig
 from stridetwin.sim.dynamics.simulate import STEP_S
 from stridetwin.sim.dynamics.simulated_walk import Replay, SimulatedWalk
-from stridetwin.sim.gait.footsteps import Footstep
 from stridetwin.sim.twin import Twin
+from stridetwin.sim.walk import Stance
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array
 from stridetwin.studies.closed_loop.assistance_controller import AssistanceController, AssistanceObserver
@@ -138,6 +138,6 @@ def _cuff_force_squared(result: WalkResult) -> Array:
     return np.asarray(np.mean([np.square(force) for force in motion.cuff_force.values()], axis=0))
 
 
-def _select_landed(steps: list[Footstep]) -> list[Footstep]:
+def _select_landed(steps: Sequence[Stance]) -> list[Stance]:
     """The steps that land during the walk, without the initial stance."""
     return [s for s in steps if np.isfinite(s.t_touch) and s.t_touch > 0.0]
