@@ -13,7 +13,7 @@ from scipy.linalg import solveh_banded
 from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.motion.parameters import MotionParameters
-from stridetwin.sim.motion.stances import FootTrack, Stance
+from stridetwin.sim.motion.rests import FootTrack, FootRest
 from stridetwin.sim.wearer.dimensions import Shoe
 from stridetwin.streams.samples import Array
 
@@ -24,7 +24,7 @@ _TOE_LIMIT_RAD = 1.2
 
 def ground_foot(
     track: FootTrack,
-    stances: Sequence[Stance],
+    stances: Sequence[FootRest],
     heights: Array,
     slopes: Array,
     shoe: Shoe,
@@ -58,8 +58,9 @@ def ground_foot(
     R = Rotation.from_rotvec(_fill(turn, firm, flats, dt, parameters.ramp_s)).as_matrix() @ track.R
 
     shift, firm_xy, firm_z = np.zeros((n, 3)), np.zeros(n), np.zeros(n)
-    rolled = FootTrack(side=track.side, p=track.p, R=R, toe=track.toe)
-    corners = [rolled.point(x, y) for x in (shoe.heel_back_x, shoe.toe_hinge_x) for y in _sides(shoe)]
+    toe = _toe_angles(R, stances, frames, dt, parameters)
+    rolled = FootTrack(side=track.side, p=track.p, R=R, toe=toe)
+    corners = np.moveaxis(sole_points(rolled, shoe), 1, 0)
     heel, ball = rolled.point(shoe.heel_back_x), rolled.point(shoe.toe_hinge_x)
     for stance, frame, origin in zip(stances, frames, origins):
         rows = slice(*stance.ground)
@@ -74,7 +75,6 @@ def ground_foot(
     p = track.p.copy()
     p[:, :2] += _fill(shift[:, :2], firm_xy, flats, dt, parameters.ramp_s)
     p[:, 2] += _fill(shift[:, 2:], firm_z, flats, dt, parameters.ramp_s)[:, 0]
-    toe = _toe_angles(R, stances, frames, dt, parameters)
     placed = FootTrack(side=track.side, p=p, R=R, toe=toe)
     return _lift(placed, stances, shoe, height, dt, parameters)
 
@@ -97,7 +97,7 @@ def _sides(shoe: Shoe) -> tuple[float, float]:
     return -shoe.half_width, shoe.half_width
 
 
-def _sole_frame(stance: Stance, slope: float) -> Array:
+def _sole_frame(stance: FootRest, slope: float) -> Array:
     """(3, 3) axes of the flat foot on ground that rises along x."""
     normal = np.array([-np.sin(slope), 0.0, np.cos(slope)])
     ahead = np.array([np.cos(stance.yaw), np.sin(stance.yaw), 0.0])
@@ -107,7 +107,7 @@ def _sole_frame(stance: Stance, slope: float) -> Array:
 
 
 def _toe_angles(
-    R: Array, stances: Sequence[Stance], frames: Sequence[Array], dt: float, parameters: MotionParameters
+    R: Array, stances: Sequence[FootRest], frames: Sequence[Array], dt: float, parameters: MotionParameters
 ) -> Array:
     """(N,) rad, extension of the toes: they stay on the ground until toe-off, and are straight in swing."""
     target, firm = np.zeros((len(R), 1)), np.zeros(len(R))
@@ -122,7 +122,7 @@ def _toe_angles(
 
 def _lift(
     track: FootTrack,
-    stances: Sequence[Stance],
+    stances: Sequence[FootRest],
     shoe: Shoe,
     height: Callable[[Array], Array],
     dt: float,

@@ -15,7 +15,7 @@ from stridetwin.sim.motion.marker_sets import MarkerPlace, place_markers
 from stridetwin.sim.motion.parameters import MotionParameters
 from stridetwin.sim.motion.read import MarkerTable
 from stridetwin.sim.motion.skeleton import Skeleton, lengths_of
-from stridetwin.sim.motion.stances import FootTrack, Stance, find_stances
+from stridetwin.sim.motion.rests import FootTrack, FootRest, find_stances
 from stridetwin.sim.people import Person
 from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.errors import ConfigError, StrideTwinError
@@ -35,7 +35,7 @@ class FittedWalk:
         skeleton: The wearer without exoskeleton.
         dt: Time between two rows, s.
         x: (N, D) coordinates in the world.
-        stances: Stances of both feet in order of time, in the world.
+        rests: Stances of both feet in order of time, in the world.
         ground: Heights under them, and the route.
         points: The recorded points, in the world.
     """
@@ -44,7 +44,7 @@ class FittedWalk:
     skeleton: Skeleton
     dt: float
     x: Array
-    stances: tuple[Stance, ...]
+    rests: tuple[FootRest, ...]
     ground: Ground
     points: PointSet
 
@@ -158,7 +158,7 @@ def ground_walk(
         skeleton=skeleton,
         dt=dt,
         x=x,
-        stances=tuple(stances),
+        rests=tuple(stances),
         ground=ground,
         points=points,
     )
@@ -198,7 +198,7 @@ def _turn_up(table: MarkerTable, places: Mapping[str, MarkerPlace]) -> Array:
 
 def _stances_of(
     feet: Sequence[FootTrack], skeleton: Skeleton, dt: float, parameters: MotionParameters
-) -> list[Stance]:
+) -> list[FootRest]:
     """Stances of both feet in order of time.
 
     Raises:
@@ -212,8 +212,8 @@ def _stances_of(
 
 
 def _to_world(
-    placement: RoutePlacement, feet: Sequence[FootTrack], stances: Sequence[Stance]
-) -> tuple[RoutePlacement, list[FootTrack], list[Stance]]:
+    placement: RoutePlacement, feet: Sequence[FootTrack], stances: Sequence[FootRest]
+) -> tuple[RoutePlacement, list[FootTrack], list[FootRest]]:
     """Feet and stances in the world of the route."""
     return (
         placement,
@@ -236,7 +236,7 @@ def _place_coordinates(x: Array, placement: RoutePlacement) -> Array:
 
 
 def _rest_points(
-    skeleton: Skeleton, stances: Sequence[Stance], ground: Ground, frames: int, sd_m: float
+    skeleton: Skeleton, stances: Sequence[FootRest], ground: Ground, frames: int, sd_m: float
 ) -> PointSet:
     """Points of soles that lie flat: their heights, at the recorded places in the plane.
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from stridetwin.sim.config import Level, Route, Segment, Stairs
 from stridetwin.sim.motion.parameters import MotionParameters
-from stridetwin.sim.motion.stances import FootTrack, Stance
+from stridetwin.sim.motion.rests import FootTrack, FootRest
 from stridetwin.sim.wearer.dimensions import Shoe
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.samples import Array
@@ -69,7 +69,7 @@ class Ground:
     tread_mm: tuple[float, ...]
 
 
-def place_route(stances: Sequence[Stance], path: Array) -> RoutePlacement:
+def place_route(stances: Sequence[FootRest], path: Array) -> RoutePlacement:
     """Where the laboratory lies in the world: the walk begins near the origin and goes along x.
 
     Args:
@@ -94,7 +94,7 @@ def place_route(stances: Sequence[Stance], path: Array) -> RoutePlacement:
 
 
 def find_ground(
-    stances: Sequence[Stance], tracks: Sequence[FootTrack], shoe: Shoe, parameters: MotionParameters
+    stances: Sequence[FootRest], tracks: Sequence[FootTrack], shoe: Shoe, parameters: MotionParameters
 ) -> Ground:
     """Terrain under stances that are in the world of the route, in order of time.
 
@@ -162,7 +162,7 @@ def find_ground(
     )
 
 
-def _without_bias(stances: Sequence[Stance], parameters: MotionParameters) -> Array:
+def _without_bias(stances: Sequence[FootRest], parameters: MotionParameters) -> Array:
     """(K,) m, heights of the stances, corrected for the height of the right sole over the left one.
 
     On level ground it is the difference of their medians; on stairs, that which makes consecutive risers most alike.
@@ -187,7 +187,7 @@ def _without_bias(stances: Sequence[Stance], parameters: MotionParameters) -> Ar
 
 
 def _riser_bounds(
-    groups: list[list[int]], rises: Array, stances: Sequence[Stance], shoe: Shoe
+    groups: list[list[int]], rises: Array, stances: Sequence[FootRest], shoe: Shoe
 ) -> tuple[list[float], list[tuple[float, float]]]:
     """Heights of the risers between groups of stances, m, and for each the range of x in which its edge lies.
 
@@ -198,7 +198,7 @@ def _riser_bounds(
     risers: list[float] = []
     bounds: list[tuple[float, float]] = []
 
-    def x_of(stance: Stance, along: float) -> float:
+    def x_of(stance: FootRest, along: float) -> float:
         return float(stance.p[0] + along * np.cos(stance.yaw))
 
     for (before, after), rise in zip(zip(groups, groups[1:]), rises.tolist()):

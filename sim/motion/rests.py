@@ -37,7 +37,7 @@ class FootTrack:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Stance:
+class FootRest:
     """One stance of a foot.
 
     Attributes:
@@ -61,7 +61,7 @@ class Stance:
     tilt: float
 
 
-def find_stances(track: FootTrack, shoe: Shoe, dt: float, parameters: MotionParameters) -> list[Stance]:
+def find_stances(track: FootTrack, shoe: Shoe, dt: float, parameters: MotionParameters) -> list[FootRest]:
     """Stances of one foot in order of time.
 
     A point of the sole rests while it is slower than `still_mps`; the foot is on the ground as long as its heel or its
@@ -96,7 +96,7 @@ def find_stances(track: FootTrack, shoe: Shoe, dt: float, parameters: MotionPara
         end_ground = end + int(np.argmin(np.append(on[end:], False)))
         p, yaw, tilt = _rest_pose(track, shoe, flat, heel_rest, ball_rest)
         stances.append(
-            Stance(
+            FootRest(
                 side=track.side,
                 ground=(begin_ground, end_ground),
                 heel=heel_rest,
@@ -173,14 +173,14 @@ def _longest(mask: NDArray[np.bool_], begin: int, shortest: int) -> Span | None:
     return a + begin, b + begin
 
 
-def _without_overlap(stances: list[Stance]) -> list[Stance]:
+def _without_overlap(stances: list[FootRest]) -> list[FootRest]:
     """Stances whose rows on the ground do not overlap: the border is half way between the rests."""
-    kept: list[Stance] = []
+    kept: list[FootRest] = []
     for stance in stances:
         if kept and stance.ground[0] < kept[-1].ground[1]:
             border = (stance.ground[0] + kept[-1].ground[1]) // 2
             last = kept[-1]
-            kept[-1] = Stance(**{**vars(last), "ground": (last.ground[0], border)})
-            stance = Stance(**{**vars(stance), "ground": (border, stance.ground[1])})
+            kept[-1] = FootRest(**{**vars(last), "ground": (last.ground[0], border)})
+            stance = FootRest(**{**vars(stance), "ground": (border, stance.ground[1])})
         kept.append(stance)
     return kept
