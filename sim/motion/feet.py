@@ -63,8 +63,8 @@ def ground_foot(
     corners = np.moveaxis(sole_points(rolled, shoe), 1, 0)
     heel, ball = rolled.point(shoe.heel_back_x), rolled.point(shoe.toe_hinge_x)
     for stance, frame, origin in zip(stances, frames, origins):
-        rows = slice(*stance.ground)
-        # distance of the lowest corner from the ground's plane, along the vertical
+        # while a part of it rests, the lowest corner is on the ground's plane; distances are along the vertical
+        rows = slice(*rest_rows(stance))
         above = [(c[rows] - origin) @ frame[:, 2] / frame[2, 2] for c in corners]
         shift[rows, 2], firm_z[rows] = -np.min(above, axis=0), _FIRM
         for span, point, x in ((stance.heel, heel, shoe.heel_back_x), (stance.ball, ball, shoe.toe_hinge_x)):
@@ -90,6 +90,12 @@ def sole_points(track: FootTrack, shoe: Shoe) -> Array:
             local = np.stack([hinge[0] + c * x - s * z, np.full_like(c, y), hinge[2] + s * x + c * z], -1)
             corners.append(track.p + np.einsum("nij,nj->ni", track.R, local))
     return np.stack(corners, axis=1)
+
+
+def rest_rows(stance: FootRest) -> Span:
+    """Rows from the first to the last in which heel or ball rest."""
+    spans = [span for span in (stance.heel, stance.ball) if span is not None]
+    return min(span[0] for span in spans), max(span[1] for span in spans)
 
 
 def _sides(shoe: Shoe) -> tuple[float, float]:
@@ -131,7 +137,7 @@ def _lift(
     """The path, raised smoothly where a part of the sole would be in the ground in swing."""
     on = np.zeros(len(track.p), dtype=bool)
     for stance in stances:
-        on[slice(*stance.ground)] = True
+        on[slice(*rest_rows(stance))] = True
     lift = np.zeros(len(track.p))
     active, target = on.astype(float), np.zeros(len(track.p))
     for _ in range(_LIFT_ROUNDS):

@@ -17,6 +17,7 @@ from stridetwin.sim.motion.read import MarkerTable
 from stridetwin.sim.motion.skeleton import Skeleton, lengths_of
 from stridetwin.sim.motion.rests import FootTrack, FootRest, find_stances
 from stridetwin.sim.people import Person
+from stridetwin.sim.wearer.body import LEG_JOINTS
 from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.samples import Array
@@ -152,7 +153,11 @@ def ground_walk(
         )
         soles = _foot_points(skeleton, placed, 1.0 / parameters.foot_sd_m)
         targets = soles if targets is None else targets.append(soles)
-    x = solve_coordinates(skeleton, points, x, dt, parameters, targets=targets)
+    assert targets is not None
+    # the legs follow the feet at once, the trunk slowly: otherwise it would be shaken by what the feet are corrected
+    is_leg = np.array([name.rpartition("_")[0] in LEG_JOINTS for name in skeleton.layout.names])
+    cutoffs = np.where(is_leg, parameters.cutoff_hz, parameters.follow_hz)
+    x = solve_coordinates(skeleton, points, x, dt, parameters, targets=targets, cutoffs_hz=cutoffs)
     return FittedWalk(
         person=person,
         skeleton=skeleton,

@@ -166,6 +166,7 @@ def solve_coordinates(
     parameters: MotionParameters,
     rounds: int | None = None,
     targets: PointSet | None = None,
+    cutoffs_hz: Array | None = None,
 ) -> Array:
     """(N, D) coordinates that fit the paths of points best, smooth in time.
 
@@ -177,7 +178,10 @@ def solve_coordinates(
         parameters: Scatter, smoothing and number of steps.
         rounds: Number of steps, if it is another one.
         targets: Further points, whose paths are smooth already, so that they do not decide how much is smoothed.
+        cutoffs_hz: (D,) if given, not the coordinates are smoothed but their differences from those to begin with, each
+            with its own frequency.
     """
+    start = x
     smoothing: Array | None = None
     for _ in range(rounds or parameters.rounds):
         prior = posture_prior(skeleton, points, x, dt, parameters)
@@ -185,11 +189,12 @@ def solve_coordinates(
         if smoothing is None:
             typical = np.mean(H, axis=0)  # of positive definite matrices, hence positive definite
             information = 1.0 / np.diag(np.linalg.inv(typical))
-            smoothing = information * (2.0 * np.pi * parameters.cutoff_hz * dt) ** -6
+            cutoffs = parameters.cutoff_hz if cutoffs_hz is None else cutoffs_hz
+            smoothing = information * (2.0 * np.pi * cutoffs * dt) ** -6
         if targets is not None:
             H_targets, g_targets = _point_equations(skeleton, targets, x, parameters)
             H, g = H + H_targets, g + g_targets
-        x = x + _solve_smooth(H, g, x, smoothing)
+        x = x + _solve_smooth(H, g, x if cutoffs_hz is None else x - start, smoothing)
     return x
 
 
@@ -340,12 +345,12 @@ def _shared_equations(
 
 
 def _solve_smooth(H: Array, g: Array, x: Array, smoothing: Array) -> Array:
-    """(N, D) step of the coordinates that also smooths them: (H + S) step = g − S x, S of the third differences.
+    """(N, D) step of the coordinates that also smooths x: (H + S) step = g − S x, S of the third differences.
 
     Args:
         H: (N, D, D) normal equations of every frame.
         g: (N, D) their right side.
-        x: (N, D) present coordinates.
+        x: (N, D) what is smoothed: present coordinates, or their differences from others.
         smoothing: (D,) weight of the squared third differences.
     """
     n, count = x.shape

@@ -22,6 +22,7 @@ class MotionParameters:
         calibration_rounds: Gauss-Newton steps of that fit.
         rounds: Gauss-Newton steps of the fit of a whole recording.
         foot_sd_m: Scatter of the feet about their corrected paths.
+        follow_hz: Frequency up to which the trunk follows what the feet are corrected.
         still_mps: Speed below which a point of the sole rests.
         moving_mps: Speed above which it has certainly left its rest.
         min_rest_s: Shortest rest.
@@ -46,13 +47,14 @@ class MotionParameters:
     calibration_rounds: int = 8
     rounds: int = 4
     foot_sd_m: float = 0.0001
+    follow_hz: float = 1.5
     still_mps: float = 0.25
     moving_mps: float = 0.60
     min_rest_s: float = 0.06
     same_place_m: float = 0.04
     same_rest_s: float = 0.30
     max_rise_m: float = 0.012
-    ramp_s: float = 0.08
+    ramp_s: float = 0.12
     lift_sd_m: float = 0.0005
     riser_m: float = 0.04
     min_slope_rad: float = 0.04
