@@ -7,6 +7,7 @@ sides have in common.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.linalg import solveh_banded
@@ -18,6 +19,7 @@ from stridetwin.sim.wearer.dimensions import Shoe
 from stridetwin.streams.samples import Array
 
 _FIRM = 1e5  # weight of a correction in a rest, over that of one between rests
+_PRESSED = 0.5  # share of the half width at which a sole that rolls sideways presses
 _LIFT_ROUNDS = 6
 _TOE_LIMIT_RAD = 1.2
 
@@ -58,10 +60,11 @@ def ground_foot(
     R = Rotation.from_rotvec(_fill(turn, firm, flats, dt, parameters.ramp_s)).as_matrix() @ track.R
 
     shift, firm_xy, firm_z = np.zeros((n, 3)), np.zeros(n), np.zeros(n)
-    toe = _toe_angles(R, stances, frames, dt, parameters)
-    rolled = FootTrack(side=track.side, p=track.p, R=R, toe=toe)
-    corners = np.moveaxis(sole_points(rolled, shoe), 1, 0)
-    heel, ball = rolled.point(shoe.heel_back_x), rolled.point(shoe.toe_hinge_x)
+    rolled = FootTrack(side=track.side, p=track.p, R=R, toe=track.toe)
+    # a soft sole that rolls sideways gives way at its borders: it presses half way to them
+    borders = [_PRESSED * y for y in _sides(shoe)]
+    corners = [*(rolled.point(shoe.heel_back_x, y) for y in borders), *(rolled.ball(shoe, y) for y in borders)]
+    heel, ball = rolled.point(shoe.heel_back_x), rolled.ball(shoe)
     for stance, frame, origin in zip(stances, frames, origins):
         # while a part of it rests, the lowest corner is on the ground's plane; distances are along the vertical
         rows = slice(*rest_rows(stance))
@@ -75,13 +78,15 @@ def ground_foot(
     p = track.p.copy()
     p[:, :2] += _fill(shift[:, :2], firm_xy, flats, dt, parameters.ramp_s)
     p[:, 2] += _fill(shift[:, 2:], firm_z, flats, dt, parameters.ramp_s)[:, 0]
-    placed = FootTrack(side=track.side, p=p, R=R, toe=toe)
+    placed = FootTrack(side=track.side, p=p, R=R, toe=track.toe)
+    placed = replace(placed, toe=_toe_angles(placed, shoe, height, dt, parameters))
     return _lift(placed, stances, shoe, height, dt, parameters)
 
 
 def sole_points(track: FootTrack, shoe: Shoe) -> Array:
     """(N, 8, 3) m, paths of the corners of the sole: heel, ball, both borders, and the flat front of the toes."""
-    corners = [track.point(x, y) for x in (shoe.heel_back_x, shoe.toe_hinge_x) for y in _sides(shoe)]
+    corners = [track.point(shoe.heel_back_x, y) for y in _sides(shoe)]
+    corners += [track.ball(shoe, y) for y in _sides(shoe)]
     hinge = np.array([shoe.toe_hinge_x, 0.0, shoe.toe_hinge_z])
     c, s = np.cos(track.toe), np.sin(track.toe)  # extension turns the toes up: about −y
     for along in (0.5 * (shoe.flat_tip_x - shoe.toe_hinge_x), shoe.flat_tip_x - shoe.toe_hinge_x):
@@ -113,17 +118,17 @@ def _sole_frame(stance: FootRest, slope: float) -> Array:
 
 
 def _toe_angles(
-    R: Array, stances: Sequence[FootRest], frames: Sequence[Array], dt: float, parameters: MotionParameters
+    track: FootTrack, shoe: Shoe, height: Callable[[Array], Array], dt: float, parameters: MotionParameters
 ) -> Array:
-    """(N,) rad, extension of the toes: they stay on the ground until toe-off, and are straight in swing."""
-    target, firm = np.zeros((len(R), 1)), np.zeros(len(R))
-    for stance, frame in zip(stances, frames):
-        rows = slice(*stance.ground)
-        ahead = R[rows, :, 0]
-        pitch = np.arcsin(np.clip(-ahead @ frame[:, 2], -1.0, 1.0))  # toes down positive
-        target[rows, 0] = np.clip(pitch, 0.0, _TOE_LIMIT_RAD)
-        firm[rows] = _FIRM
-    return _fill(target, firm, (), dt, parameters.ramp_s)[:, 0]
+    """(N,) rad, extension of the toes: least that keeps their tip out of the ground, so that they leave it last."""
+    ball = track.ball(shoe)
+    above = ball[:, 2] - height(ball[:, :2])
+    pitch = np.arcsin(np.clip(-track.R[:, 2, 0], -1.0, 1.0))  # toes down positive
+    reach = shoe.flat_tip_x - shoe.toe_hinge_x
+    least = pitch - np.arcsin(np.clip(above / reach, -0.5, 1.0))
+    target = np.clip(least, 0.0, _TOE_LIMIT_RAD)
+    firm = np.where((least > 0.0) | (above < parameters.max_rise_m), _FIRM, 0.0)
+    return _fill(target[:, None], firm, (), dt, parameters.ramp_s)[:, 0]
 
 
 def _lift(
@@ -143,7 +148,7 @@ def _lift(
     for _ in range(_LIFT_ROUNDS):
         raised = FootTrack(side=track.side, p=track.p + lift[:, None] * [0.0, 0.0, 1.0], R=track.R, toe=track.toe)
         corners = sole_points(raised, shoe)
-        depth = np.max(height(corners[..., :2]) - corners[..., 2], axis=1)
+        depth = np.max(height(corners[..., :2]) - corners[..., 2], axis=1) - parameters.soft_m
         deep = ~on & (depth > parameters.lift_sd_m)
         if not deep.any():
             break

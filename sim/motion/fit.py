@@ -241,7 +241,7 @@ def _place_coordinates(x: Array, placement: RoutePlacement) -> Array:
 
 
 def _rest_points(
-    skeleton: Skeleton, stances: Sequence[FootRest], ground: Ground, frames: int, sd_m: float
+    skeleton: Skeleton, rests: Sequence[FootRest], ground: Ground, frames: int, sd_m: float
 ) -> PointSet:
     """Points of soles that lie flat: their heights, at the recorded places in the plane.
 
@@ -250,16 +250,37 @@ def _rest_points(
     targets = None
     for side in SIDES:
         p, R = np.full((frames, 3), np.nan), np.tile(np.eye(3), (frames, 1, 1))
-        for stance, height in zip(stances, ground.heights):
+        for stance, height in zip(rests, ground.heights):
             if stance.side == side and stance.flat is not None and np.isfinite(height):
                 rows = slice(*stance.flat)
                 c, s = np.cos(stance.yaw), np.sin(stance.yaw)
                 p[rows], R[rows] = [*stance.p[:2], height], [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]
         track = FootTrack(side=side, p=p, R=R, toe=np.zeros(frames))
         points = _foot_points(skeleton, track, 1.0 / sd_m)
+        points = points.append(_hinge_points(skeleton, side, rests, ground, frames, 1.0 / sd_m))
         targets = points if targets is None else targets.append(points)
     assert targets is not None
     return targets
+
+
+def _hinge_points(
+    skeleton: Skeleton, side: str, rests: Sequence[FootRest], ground: Ground, frames: int, weight: float
+) -> PointSet:
+    """The toe hinge of one foot, whose height is known while the ball rests after the heel has risen."""
+    shoe = skeleton.size.shoe
+    path = np.full((frames, 1, 3), np.nan)
+    for rest, height in zip(rests, ground.heights):
+        if rest.side == side and rest.flat is not None and rest.ball is not None and np.isfinite(height):
+            ahead = shoe.toe_hinge_x * np.array([np.cos(rest.yaw), np.sin(rest.yaw)])
+            path[rest.flat[1] : rest.ball[1], 0] = [*(rest.p[:2] + ahead), height + shoe.toe_hinge_z]
+    return PointSet(
+        names=(f"hinge_{side}",),
+        bodies=np.array([skeleton.index(f"toe_{side}")]),
+        places=np.zeros((1, 3)),
+        sd_m=np.zeros(1),
+        paths=path,
+        weights=np.isfinite(path[..., 0]) * weight,
+    )
 
 
 def _foot_points(skeleton: Skeleton, track: FootTrack, weight: float) -> PointSet:

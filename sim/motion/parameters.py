@@ -29,6 +29,7 @@ class MotionParameters:
         same_place_m, same_rest_s: Way and time of a foot between two rests that are still one.
         max_rise_m: Height above its stance at which a point is no longer on the ground.
         ramp_s: Time in which a foot passes from its recorded path to its rest.
+        soft_m: Depth by which the border of a sole may give way in the ground.
         lift_sd_m: Depth into the ground that is left to a foot.
         riser_m: Least difference of height of two rests that is a riser; lower ones are errors or thresholds.
         min_slope_rad: Least inclination that is a ramp.
@@ -55,6 +56,7 @@ class MotionParameters:
     same_rest_s: float = 0.30
     max_rise_m: float = 0.012
     ramp_s: float = 0.12
+    soft_m: float = 0.003
     lift_sd_m: float = 0.0005
     riser_m: float = 0.04
     min_slope_rad: float = 0.04

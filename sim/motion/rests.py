@@ -35,6 +35,10 @@ class FootTrack:
         """(N, 3) m, path of a point of the sole."""
         return self.p + self.R @ np.array([x, y, 0.0])
 
+    def ball(self, shoe: Shoe, y: float = 0.0) -> Array:
+        """(N, 3) m, path of the sole under the toe hinge, if the toes are flat: straight below the hinge's axis."""
+        return self.p + self.R @ np.array([shoe.toe_hinge_x, y, shoe.toe_hinge_z]) - [0.0, 0.0, shoe.toe_hinge_z]
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FootRest:
@@ -73,7 +77,7 @@ def find_stances(track: FootTrack, shoe: Shoe, dt: float, parameters: MotionPara
         dt: Time between two rows, s.
         parameters: Speeds and times.
     """
-    heel, ball = track.point(shoe.heel_back_x), track.point(shoe.toe_hinge_x)
+    heel, ball = track.point(shoe.heel_back_x), track.ball(shoe)
     heel_speed, ball_speed = (np.linalg.norm(np.gradient(point, dt, axis=0), axis=1) for point in (heel, ball))
     shortest = max(2, round(parameters.min_rest_s / dt))
     resting = np.minimum(heel_speed, ball_speed) < parameters.still_mps
@@ -128,7 +132,7 @@ def _rest_pose(
     rows = slice(*span)
     axis = track.R[rows, :, 0].mean(0)
     yaw = float(np.arctan2(axis[1], axis[0]))
-    p = track.point(x)[rows].mean(0)
+    p = (track.point(x) if ball is None else track.ball(shoe))[rows].mean(0)
     p[:2] -= x * np.array([np.cos(yaw), np.sin(yaw)])
     return p, yaw, float("nan")
 
