@@ -139,17 +139,17 @@ def _lift(
     dt: float,
     parameters: MotionParameters,
 ) -> FootTrack:
-    """The path, raised smoothly where a part of the sole would be in the ground in swing."""
-    on = np.zeros(len(track.p), dtype=bool)
-    for stance in stances:
-        on[slice(*rest_rows(stance))] = True
-    lift = np.zeros(len(track.p))
-    active, target = on.astype(float), np.zeros(len(track.p))
+    """The path, raised smoothly where a part of the sole would be deeper in the ground than it gives way."""
+    n = len(track.p)
+    lift, active, target = np.zeros(n), np.zeros(n), np.zeros(n)
+    for stance in stances:  # a flat sole is on the ground already
+        if stance.flat is not None:
+            active[slice(*stance.flat)] = 1.0
     for _ in range(_LIFT_ROUNDS):
         raised = FootTrack(side=track.side, p=track.p + lift[:, None] * [0.0, 0.0, 1.0], R=track.R, toe=track.toe)
         corners = sole_points(raised, shoe)
         depth = np.max(height(corners[..., :2]) - corners[..., 2], axis=1) - parameters.soft_m
-        deep = ~on & (depth > parameters.lift_sd_m)
+        deep = depth > parameters.lift_sd_m
         if not deep.any():
             break
         target[deep] = lift[deep] + depth[deep]

@@ -56,7 +56,7 @@ class MotionParameters:
     same_rest_s: float = 0.30
     max_rise_m: float = 0.012
     ramp_s: float = 0.12
-    soft_m: float = 0.003
+    soft_m: float = 0.0035
     lift_sd_m: float = 0.0005
     riser_m: float = 0.04
     min_slope_rad: float = 0.04
