@@ -50,6 +50,11 @@ class FittedWalk:
     points: PointSet
 
     @property
+    def duration_s(self) -> float:
+        """Length of the walk, s."""
+        return (len(self.x) - 1) * self.dt
+
+    @property
     def residuals_m(self) -> dict[str, float]:
         """RMS distance of each marker from its place on the wearer, m."""
         errors = point_errors(self.skeleton, self.points, self.x)

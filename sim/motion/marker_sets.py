@@ -80,6 +80,12 @@ _SITES: dict[str, _Site] = {
 _CENTRAL = ("pelvis", "torso", "head")
 _MIRRORED_CENTRAL = {"asis", "psis", "iliac_crest", "sternum_side", "back", "acromion", "head_front", "head_back"}
 
+MARKED_BODIES = (
+    *_CENTRAL,
+    *(f"{body}_{side}" for body in ("upper_arm", "forearm", "thigh", "shank", "foot", "toe") for side in ("l", "r")),
+)
+"""Bodies to which markers are fixed."""
+
 # Names without the side, in capitals and without points and dashes; `*` stands for any number.
 MARKER_SETS: dict[str, dict[str, str]] = {
     "plug_in_gait": {

@@ -61,7 +61,9 @@ def apply_motion(config: TwinConfig) -> tuple[TwinConfig, FittedWalk]:
         )
     if config.gait != type(config.gait)():
         raise ConfigError(config.name, "gait", config.gait.pattern, "no gait: the motion is recorded")
-    fitted = load_motion(motion, config.person, None if motion.finds_terrain else config.route)
+    # lengths are fitted anew, so that a configuration that has them already gives the same walk
+    person = replace(config.person, segments=None, shoe_m=None)
+    fitted = load_motion(motion, person, None if motion.finds_terrain else config.route)
     route = config.route
     if motion.finds_terrain:
         found = fitted.ground.route
