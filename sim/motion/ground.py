@@ -24,6 +24,7 @@ _TREADS_M = (0.20, 0.55)  # depths of treads that are tried
 _USUAL_RISER_M, _HIGHEST_RISER_M = 0.17, 0.25
 _BUILDERS_STEP_M, _BUILDERS_SD_M = 0.63, 0.03
 _SWING_WEIGHT = 0.3  # of the depth of a swinging foot in a step, relative to that of a footprint
+_ROWS = 400  # of the paths of the feet from which edges are placed
 _MAX_STEEP = 0.3  # rise over run of a ramp
 
 
@@ -235,9 +236,10 @@ def _place_edges(
     number = np.arange(len(risers))
     treads = np.arange(*_TREADS_M, 0.005) if len(risers) > 1 else np.array([0.3])
     tops = begin + np.concatenate([[0.0], np.cumsum(risers)])
+    rows = slice(None, None, max(1, len(tracks[0].p) // _ROWS))
     soles = np.concatenate(
         [
-            track.point(x, y)
+            track.point(x, y)[rows]
             for track in tracks
             for x in (shoe.heel_back_x, shoe.toe_hinge_x, shoe.flat_tip_x)
             for y in (-shoe.half_width, shoe.half_width)
