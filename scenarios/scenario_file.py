@@ -11,7 +11,7 @@ from typing import Any
 from stridetwin.scenarios.built_in import catalogue as catalogue
 from stridetwin.scenarios.scenario_model import ScenarioFile
 from stridetwin.sim.config import PHYSICS as PHYSICS
-from stridetwin.sim.config import Level, Route, Segment, Stairs, TwinConfig
+from stridetwin.sim.config import Level, Motion, Route, Segment, Stairs, TwinConfig
 from stridetwin.sim.faults.faults import check_faults
 from stridetwin.sim.sensors.standard_rig import EXO_GROUPS, standard_rig
 from stridetwin.sim.world.mesh_terrain import MeshWay, mesh_terrain
@@ -99,9 +99,12 @@ def scenario_of(node: object, path: Path) -> Scenario:
     file = validate(ScenarioFile, node, path, context={"folder": path.parent})
     if file.terrain is None and file.motion is None:
         raise ConfigError(path, "terrain", Missing(), "segments, or a mesh; only a recorded motion shows its terrain")
-    motion: Any = None if file.motion is None else replace(file.motion, finds_terrain=file.terrain is None)
+    recording: Any = file.motion
+    motion: Motion | None = None if recording is None else replace(recording, finds_terrain=file.terrain is None)
     # as long as the terrain is not found, a level stands for it
-    terrain: Any = file.terrain or (Level(length_m=1.0),)  # a tuple of segments, or a mesh, from which the segments are found
+    terrain: Any = file.terrain or (
+        Level(length_m=1.0),
+    )  # a tuple of segments, or a mesh, from which the segments are found
     notes: tuple[str, ...] = ()
     if isinstance(terrain, MeshWay):
         terrain, summary = mesh_terrain(terrain, file.width_m)

@@ -1,4 +1,4 @@
-"""Recorded feet on the ground: soles and toe hinges lie still in rests, touch from touch-down to toe-off, and never sink.
+"""Recorded feet on the ground: soles and toe hinges lie still in rests and do not sink.
 
 A correction of the recorded path is fixed in rests, and elsewhere the smoothest that returns to what the rests on both
 sides have in common.
@@ -14,7 +14,7 @@ from scipy.linalg import solveh_banded
 from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.motion.parameters import MotionParameters
-from stridetwin.sim.motion.rests import FootTrack, FootRest
+from stridetwin.sim.motion.rests import FootRest, FootTrack, Span
 from stridetwin.sim.wearer.dimensions import Shoe
 from stridetwin.streams.samples import Array
 

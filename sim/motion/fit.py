@@ -14,8 +14,8 @@ from stridetwin.sim.motion.ik import PointSet, calibrate, initial_coordinates, p
 from stridetwin.sim.motion.marker_sets import MarkerPlace, place_markers
 from stridetwin.sim.motion.parameters import MotionParameters
 from stridetwin.sim.motion.read import MarkerTable
+from stridetwin.sim.motion.rests import FootRest, FootTrack, find_stances
 from stridetwin.sim.motion.skeleton import Skeleton, lengths_of
-from stridetwin.sim.motion.rests import FootTrack, FootRest, find_stances
 from stridetwin.sim.people import Person
 from stridetwin.sim.wearer.body import LEG_JOINTS
 from stridetwin.sim.world.terrain import Terrain
@@ -96,7 +96,7 @@ def fit_markers(
         feet = track_feet(skeleton, x)
         stances = _stances_of(feet, skeleton, dt, parameters)
         placement = place_route(stances, x[:, :3])
-        world, feet, stances = _to_world(placement, feet, stances)
+        feet, stances = _to_world(placement, feet, stances)
         ground = find_ground(stances, feet, skeleton.size.shoe, parameters)
         rests = _rest_points(skeleton, stances, ground, len(x), _REST_SD_M)
         points = _place_points(points, placement)
@@ -132,7 +132,7 @@ def ground_walk(
     feet = track_feet(skeleton, x)
     stances = _stances_of(feet, skeleton, dt, parameters)
     placement = place_route(stances, x[:, :3])
-    _, feet, stances = _to_world(placement, feet, stances)
+    feet, stances = _to_world(placement, feet, stances)
     points, x = _place_points(points, placement), _place_coordinates(x, placement)
     ground = find_ground(stances, feet, shoe, parameters)
     if route is not None:
@@ -223,10 +223,9 @@ def _stances_of(
 
 def _to_world(
     placement: RoutePlacement, feet: Sequence[FootTrack], stances: Sequence[FootRest]
-) -> tuple[RoutePlacement, list[FootTrack], list[FootRest]]:
+) -> tuple[list[FootTrack], list[FootRest]]:
     """Feet and stances in the world of the route."""
     return (
-        placement,
         [FootTrack(side=f.side, p=placement.points(f.p), R=placement.matrix @ f.R, toe=f.toe) for f in feet],
         [replace(s, p=placement.points(s.p), yaw=s.yaw + placement.turn) for s in stances],
     )
@@ -245,9 +244,7 @@ def _place_coordinates(x: Array, placement: RoutePlacement) -> Array:
     return x
 
 
-def _rest_points(
-    skeleton: Skeleton, rests: Sequence[FootRest], ground: Ground, frames: int, sd_m: float
-) -> PointSet:
+def _rest_points(skeleton: Skeleton, rests: Sequence[FootRest], ground: Ground, frames: int, sd_m: float) -> PointSet:
     """Points of soles that lie flat: their heights, at the recorded places in the plane.
 
     Only heights are known of a rest; the weights of the plane are those of a foot that rests where it was recorded.

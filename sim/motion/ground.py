@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from stridetwin.sim.config import Level, Route, Segment, Stairs
 from stridetwin.sim.motion.parameters import MotionParameters
-from stridetwin.sim.motion.rests import FootTrack, FootRest
+from stridetwin.sim.motion.rests import FootRest, FootTrack
 from stridetwin.sim.wearer.dimensions import Shoe
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.samples import Array
@@ -25,7 +26,6 @@ _USUAL_RISER_M, _HIGHEST_RISER_M = 0.17, 0.25
 _BUILDERS_STEP_M, _BUILDERS_SD_M = 0.63, 0.03
 _SWING_WEIGHT = 0.3  # of the depth of a swinging foot in a step, relative to that of a footprint
 _ROWS = 400  # of the paths of the feet from which edges are placed
-_MAX_STEEP = 0.3  # rise over run of a ramp
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -202,7 +202,7 @@ def _riser_bounds(
     def x_of(stance: FootRest, along: float) -> float:
         return float(stance.p[0] + along * np.cos(stance.yaw))
 
-    for (before, after), rise in zip(zip(groups, groups[1:]), rises.tolist()):
+    for (before, after), rise in zip(pairwise(groups), rises.tolist()):
         low = max(x_of(stances[k], shoe.flat_tip_x if rise > 0 else shoe.toe_hinge_x) for k in before)
         high = min(x_of(stances[k], shoe.heel_back_x) for k in after)
         if high < low:

@@ -103,7 +103,9 @@ def initial_coordinates(skeleton: Skeleton, points: PointSet, source: str) -> Ar
     """
     on_pelvis = np.flatnonzero(points.bodies == skeleton.index("pelvis"))
     if len(on_pelvis) < 3:
-        raise ConfigError(source, "markers", [points.names[i] for i in on_pelvis], "three or more markers on the pelvis")
+        raise ConfigError(
+            source, "markers", [points.names[i] for i in on_pelvis], "three or more markers on the pelvis"
+        )
     x = np.zeros((len(points.paths), len(skeleton.layout.names)))
     last = None
     for k, path in enumerate(points.paths):
@@ -294,9 +296,7 @@ def _point_equations(
     return H, g
 
 
-def _add_priors(
-    skeleton: Skeleton, x: Array, prior: Array, parameters: MotionParameters, H: Array, g: Array
-) -> None:
+def _add_priors(skeleton: Skeleton, x: Array, prior: Array, parameters: MotionParameters, H: Array, g: Array) -> None:
     """Adds the scatter of postures and the joint limits to normal equations."""
     low, high = skeleton.limits.T
     diagonal = np.arange(6, x.shape[1])

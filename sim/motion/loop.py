@@ -92,9 +92,7 @@ def _find_cycle(x: Array, dt: float, source: str, parameters: MotionParameters) 
     return begin, end
 
 
-def _repeat(
-    x: Array, begin: int, end: int, wanted: int, dt: float, parameters: MotionParameters
-) -> Array:
+def _repeat(x: Array, begin: int, end: int, wanted: int, dt: float, parameters: MotionParameters) -> Array:
     """(wanted, D) rows: the part before the cycle, then the cycle again and again."""
     fade, length = round(parameters.fade_s / dt), end - begin
     overlap = np.arange(fade)

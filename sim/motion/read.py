@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import io
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -115,7 +116,6 @@ def read_c3d(path: Path) -> MarkerTable:
     """
     with explain_import_error("a .c3d file", "mocap"):
         import ezc3d
-    import tempfile
 
     if path.suffix == ".gz":  # the library reads files by name alone
         with tempfile.TemporaryDirectory() as folder:
@@ -203,11 +203,11 @@ def _to_markers(source: Path, names: Sequence[str], t: Array, x: Array) -> Marke
     dt = np.diff(t)
     if dt.max() > 1.5 * np.median(dt):
         raise ConfigError(source, "Time", float(dt.max()), f"frames every {np.median(dt):.4g} s, none missing")
-    seen = np.isfinite(x).all(axis=2)
+    seen = np.asarray(np.isfinite(x).all(axis=2))
     if np.nanmax(np.abs(np.where(seen[..., None], x, 0.0)), initial=0.0) > 1e3:
         raise ConfigError(source, "Units", "places beyond 1 km", "markers within a laboratory")
     x = np.where(seen[..., None], x, np.nan)
-    kept = seen.any(axis=0)
+    kept = np.asarray(seen.any(axis=0))
     return MarkerTable(
         source=str(source),
         names=tuple(name for name, is_kept in zip(names, kept) if is_kept),

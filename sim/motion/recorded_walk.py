@@ -67,7 +67,7 @@ def make_recorded_walk(fitted: FittedWalk, model: mujoco.MjModel, size: Wearer, 
         terrain: Ground.
     """
     layout = Coordinates.of(model)
-    t = np.arange(len(fitted.x)) * fitted.dt
+    t: Array = np.arange(len(fitted.x), dtype=float) * fitted.dt
     x = np.zeros((len(t), len(layout.names)))
     for column, name in enumerate(fitted.skeleton.layout.names):
         x[:, layout.names.index(name)] = fitted.x[:, column]
@@ -132,7 +132,7 @@ def _make_stance(fitted: FittedWalk, number: int, t: Array, terrain: Terrain) ->
 
 def _share_load(rests: Sequence[FootRest], frames: int, dt: float) -> dict[str, Array]:
     """(N,) share of the load by side; a foot takes its load and gives it up within `_TRANSFER_S`."""
-    row = np.arange(frames)
+    row: Array = np.arange(frames, dtype=float)
     raw = {side: np.full(frames, 1e-12) for side in SIDES}
     for rest in rests:
         begin, end = rest.ground
@@ -156,9 +156,7 @@ def _slope_over_time(rests: Sequence[FootRest], own: Sequence[int], slopes: Arra
     return slope
 
 
-def _pressure_centres(
-    track: FootTrack, rests: Sequence[FootRest], pitch: Array, heights: Array, shoe: Shoe
-) -> Array:
+def _pressure_centres(track: FootTrack, rests: Sequence[FootRest], pitch: Array, heights: Array, shoe: Shoe) -> Array:
     """(N, 3) m, centre of pressure under one foot: from the heel to the ball, where the sole touches the ground."""
     n = len(pitch)
     along = np.full(n, 0.5 * shoe.toe_hinge_x)
@@ -196,7 +194,12 @@ def _fill_exoskeleton(
         thigh, shank, foot = (skeleton.index(f"{body}_{side}") for body in ("thigh", "shank", "foot"))
         p_foot = np.einsum("nij,nj->ni", to_pelvis, poses.p[:, foot] - poses.p[:, pelvis])
         wearers[side] = leg_pose(
-            size, side, to_pelvis @ poses.R[:, thigh], to_pelvis @ poses.R[:, shank], p_foot, to_pelvis @ poses.R[:, foot]
+            size,
+            side,
+            to_pelvis @ poses.R[:, thigh],
+            to_pelvis @ poses.R[:, shank],
+            p_foot,
+            to_pelvis @ poses.R[:, foot],
         )
         legs[side] = ExoLeg(size, side)
         angles[side] = fit_leg(legs[side], wearers[side])

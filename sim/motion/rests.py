@@ -150,9 +150,7 @@ def _spans(mask: NDArray[np.bool_], shortest: int) -> list[Span]:
     return [(a, b) for a, b in joined if b - a >= shortest]
 
 
-def _join_rests(
-    spans: list[Span], heel: Array, ball: Array, dt: float, parameters: MotionParameters
-) -> list[Span]:
+def _join_rests(spans: list[Span], heel: Array, ball: Array, dt: float, parameters: MotionParameters) -> list[Span]:
     """Rests of a foot, with those made one between which it moves a little, but neither lifts off nor steps."""
     joined: list[Span] = []
     for begin, end in spans:

@@ -10,8 +10,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.sim.people import Person, Segments
 from stridetwin.sim.kinematics.coordinates import Coordinates
+from stridetwin.sim.people import Person, Segments
 from stridetwin.sim.wearer.anthropometry import SHOE_OVER_FOOT_M, anthropometry
 from stridetwin.sim.wearer.body import add_wearer, compile_model
 from stridetwin.sim.wearer.dimensions import Wearer
