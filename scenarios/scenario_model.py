@@ -451,7 +451,7 @@ class _Motion(FileModel):
     """A recording of a person, in place of a planned walk.
 
     Attributes:
-        file: Markers (`.trc`, `.c3d`) or joint angles (`.mot`, `.sto`), possibly packed by gzip.
+        file: Markers (`.trc`, `.c3d`), possibly packed by gzip.
         markers: Set of markers; without it, the one that knows most of the names.
         places: Table of markers in place of a set, by their names in the file.
         duration_s: Length to which a short recording is looped.

@@ -346,7 +346,7 @@ class Motion:
     """A recording of a person that the wearer moves like.
 
     Attributes:
-        file: Path of the recording: markers (`.trc`, `.c3d`) or joint angles (`.mot`, `.sto`), possibly `.gz`.
+        file: Path of the recording: markers (`.trc`, `.c3d`), possibly `.gz`.
         markers: Set of markers by name; None for the one that fits the names.
         places: The user's own table in place of a set: name of each marker, body, and place in its frame, m.
         duration_s: Length to which a short recording is looped; None for its own length.
