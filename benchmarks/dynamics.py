@@ -3,7 +3,8 @@
 Run as `python -m benchmarks.dynamics [--json] [--seeds 1000 1001 ...] [--suites plain assist ...] [--workers 2]`.
 Each seed has its own person and speed. `plain` walks every terrain supported by the ground alone; `assist` the same
 with the soft assist; `disturbed` the level and the stairs with each disturbance and with all, and the assist;
-`unaided` the same without it; `pushes` pushes and missteps without it; `turns` turns and a loop with the assist.
+`unaided` the same without it; `pushes` pushes and missteps without it; `turns` turns and a loop with the assist;
+`pauses` a stroll of the scenario's own person that stops and sets off again about ten times, without it.
 """
 
 from __future__ import annotations
@@ -72,6 +73,7 @@ ALLOWED = {
     "unaided": {},
     "pushes": {},
     "turns": {"fell": 0, "root_mean_pct": 3},
+    "pauses": {"fell": 0},
 }
 _STEADY_S = 1.0  # excluded from the forces at both ends of a walk
 _FIRM = 0.10  # load on a foot, share of the body weight, above which it must not slip
@@ -118,6 +120,9 @@ def cases(suite: str, seed: int) -> Iterator[Case]:
     elif suite == "pushes":
         for name, dynamics in PUSHES.items():
             yield of("level", dynamics, f"level_{name}")
+    elif suite == "pauses":
+        stroll = replace(load_scenario("dvio_wander").config, sensors=(), physics="dynamic")
+        yield Case(suite=suite, name="dvio_wander", seed=seed, config=stroll)
     else:
         for name in ("turns", "jao_loop_126m"):
             config = replace(load_scenario(name).config, dynamics=Dynamics(assist=True), **common)

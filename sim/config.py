@@ -117,11 +117,13 @@ class Ramp:
     Attributes:
         angle_rad: Slope, positive.
         rise_m: Height from its lower to its upper end.
+        cross_slope_rad: Tilt sideways, the left side up positive.
         down: Which way it leads from the walker's view.
     """
 
     angle_rad: Annotated[Number, Field(ge=1, le=20, alias="angle_deg"), DEGREES]
     rise_m: Annotated[Number, Field(ge=0.05, le=10)]
+    cross_slope_rad: Annotated[Number, Field(ge=-5, le=5, alias="cross_slope_deg"), DEGREES] = 0.0
     down: Annotated[bool, OneOf(DIRECTIONS), Field(alias="direction")] = False
 
 
@@ -222,6 +224,19 @@ def _expand_gaze(node: object) -> object:
     return {"kind": node} if isinstance(node, str) else node
 
 
+@dataclass(frozen=True, kw_only=True)
+class Stop:
+    """A stop on the way, on both feet, at any place: the level, a ramp or a stair's tread.
+
+    Attributes:
+        at_m: Along the way; the walker stops at about the first foothold from there on.
+        for_s: How long the walker stands.
+    """
+
+    at_m: Annotated[Number, Field(ge=0, le=2000)]
+    for_s: Annotated[Number, Field(ge=0.3, le=60)]
+
+
 def _bool_to_share(node: object) -> object:
     """A share: 1 for `true` and 0 for `false` in a scenario file; other values are unchanged."""
     return float(node) if isinstance(node, bool) else node
@@ -243,6 +258,7 @@ class Gait:
             shorter; the stance of the left leg is shorter as a result (Balasubramanian et al. 2007).
         shuffle: From 0, feet that are lifted, to 1, feet that slide flat along the ground in short steps.
         gaze: Where the walker looks.
+        stops: Where the walker stands still for a while.
     """
 
     pattern: Annotated[str, OneOf(("walk", "wander", "jog"))] = "walk"
@@ -259,6 +275,7 @@ class Gait:
     gaze: Annotated[Gaze, BeforeValidator(_expand_gaze, json_schema_input_type=Annotated[str, OneOf(GAZES)] | Gaze)] = (
         field(default_factory=Gaze)
     )
+    stops: Annotated[tuple[Stop, ...], Field(min_length=1)] = ()
 
     @classmethod
     def of_pattern(cls, pattern: str = "walk", **values: Any) -> Gait:

@@ -99,7 +99,9 @@ def steady_cycle(
     paths = {side: _cut_path(wide_paths[side], mid) for side in SIDES}
     shares = {side: wide_shares[side][mid] for side in SIDES}
     centres = {
-        side: pressure_centres(steps[side], size.shoe, t, cop_travel(steps[side], t), paths[side].pitch)
+        side: pressure_centres(
+            steps[side], size.shoe, t, cop_travel(steps[side], t, np.zeros(len(t))), paths[side].pitch, _flat
+        )
         for side in SIDES
     }
     wanted = sum(shares[side][:, None] * centres[side] for side in SIDES)[:, :2]
@@ -111,7 +113,7 @@ def steady_cycle(
     for round_ in range(rounds + 1):
         p_pelvis = np.column_stack([np.vstack([path, path[:1]]) + drift, height])
         legs_ = solve_legs(size, p_pelvis, R_pelvis, paths)
-        x = stack_coordinates(layout, p_pelvis, pose, legs_, {}, paths)
+        x = stack_coordinates(size, layout, p_pelvis, pose, legs_, {}, paths)
         x[:, :2] -= drift
         x, dx, ddx = _periodic_derivatives(x[:-1], dt)
         x[:, :2] += drift

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from stridetwin.sim.config import Gait
+from stridetwin.sim.config import Gait, Stop
 from stridetwin.sim.gait.style import leg_length, pace, shuffle_step_share, walk_growth
 from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.sim.world.route import RUN_OUT_M
@@ -221,16 +221,23 @@ def plan_footholds(layout: Layout, size: Wearer, gait: Gait, tempo: Tempo, rng: 
         rng: Draws pauses and errors of the step length.
 
     Raises:
-        ConfigError: A strip too short for a foot.
+        ConfigError: A strip too short for a foot, or a stop beyond the end of the route.
     """
+    end = layout.profile[-1].s1 - RUN_OUT_M
+    for stop in gait.stops:
+        if stop.at_m >= end:
+            raise ConfigError("gait", "stops.at_m", stop.at_m, f"less than {end:.2f} m, the length of the way")
     holds: list[Foothold] = []
+    stops = sorted(gait.stops, key=lambda stop: stop.at_m)  # those that are still ahead
     skipped = [False] * len(layout.profile)  # whether no foot is placed on a strip
     if gait.stairs == "two_at_a_time":
         skipped = _find_skipped_strips(layout.profile, size)
     for k in range(len(layout.profile)):
         if skipped[k]:
             continue
-        new = _plan_on_strip(layout, k, size, gait, tempo, rng, len(holds))
+        here = [stop for stop in stops if stop.at_m < layout.profile[k].s1]
+        new = _plan_on_strip(layout, k, size, gait, tempo, rng, len(holds), here)
+        stops = stops[len(here) :]
         if k and skipped[k - 1]:
             new[0] = replace(new[0], treads=2)  # the step to here goes over the skipped tread
         holds += new
@@ -244,7 +251,14 @@ def _foot_of_step(i: int) -> str:
 
 
 def _plan_on_strip(
-    layout: Layout, k: int, size: Wearer, gait: Gait, tempo: Tempo, rng: np.random.Generator, first: int
+    layout: Layout,
+    k: int,
+    size: Wearer,
+    gait: Gait,
+    tempo: Tempo,
+    rng: np.random.Generator,
+    first: int,
+    stops: Sequence[Stop],
 ) -> list[Foothold]:
     """Footholds on one strip of ground, in order.
 
@@ -260,6 +274,7 @@ def _plan_on_strip(
         tempo: Speed and step length along the way.
         rng: Draws pauses and errors of the step length.
         first: Number of footholds before this strip, which decides the foot.
+        stops: Stops on this strip.
 
     Returns:
         The footholds; none on the strip behind the start, where the two feet already stand.
@@ -283,7 +298,8 @@ def _plan_on_strip(
         feet = [_foot_of_step(first + i) for i in range(2 if both else 1)]
         # where the stair winds, the foot with the narrower tread decides
         s = _position_on_tread(strip, rising, heel, toe, min(_inner_depth_share(f, bend) for f in feet))
-        return [Foothold(foot=f, s=s, strip=strip) for f in feet]
+        standing = [0.0] * (len(feet) - 1) + [sum(stop.for_s for stop in stops)]
+        return [Foothold(foot=f, s=s, strip=strip, pause_s=pause) for f, pause in zip(feet, standing)]
 
     def step(s: Array) -> Array:
         """(N,) m, step length on this strip at (N,) arc lengths; shorter on ramps."""
@@ -299,14 +315,14 @@ def _plan_on_strip(
     riser_after = not last_strip and abs(profile[k + 1].z0 - strip.z1) > 1e-9
     start = 0.0 if first_strip else strip.s0 + heel + (_HEEL_FROM_RISER_M if riser_before else edge_gap(strip.s0))
     if last_strip:
-        stop = end
+        last_place = end
     elif riser_after:
-        stop = end - toe - (_TOE_TO_RISER_M if profile[k + 1].z0 > strip.z1 else _EDGE_M)
+        last_place = end - toe - (_TOE_TO_RISER_M if profile[k + 1].z0 > strip.z1 else _EDGE_M)
     else:
-        stop = end - toe - edge_gap(strip.s1)
+        last_place = end - toe - edge_gap(strip.s1)
     beside = [start] if both and riser_before else []  # the other foot is placed beside the leading one
     leading_foot = gait.leading_foot if both and riser_after else None
-    if stop < start - 1e-9:  # room for the sole alone, without the usual distances from both ends
+    if last_place < start - 1e-9:  # room for the sole alone, without the usual distances from both ends
         middle = (strip.s0 + end - toe + heel) / 2
         if end - strip.s0 < heel + toe + 2 * _EDGE_M:
             raise ConfigError(
@@ -319,18 +335,22 @@ def _plan_on_strip(
         # one more step in place, if the next strip would otherwise not begin with the leading foot
         if leading_foot is not None and _foot_of_step(first + count) != leading_foot:
             count += 1
-        return [Foothold(foot=_foot_of_step(first + i), s=middle, strip=strip) for i in range(count)]
+        standing = [0.0] * (count - 1) + [sum(stop.for_s for stop in stops)]
+        feet = [_foot_of_step(first + i) for i in range(count)]
+        return [Foothold(foot=f, s=middle, strip=strip, pause_s=pause) for f, pause in zip(feet, standing)]
     # number of steps, and their relative lengths; the first foothold is at `start`, but where the walker already stands
     # there, it is a shorter step away
     first_length = _FIRST_STEP if first_strip else 0.0
     # arc lengths, and (fractional) number of steps from `start` to each
-    along, paces = count_steps(layout.way, start, stop, step)
+    along, paces = count_steps(layout.way, start, last_place, step)
     # number of footholds: on the first strip one for every step, the first of which is shorter; on others one for the
     # start and one for every step, if there is room for a step
     if first_strip:
         count = max(1, round(paces[-1] + 1 - first_length))
     else:
         count = max(1, round(paces[-1])) + 1 if paces[-1] > _MIN_EXTRA_STEP else 1
+    if strip.terrain != "stair":
+        count += len(stops)  # the steps into a stop and out of it are together as long as one
     if leading_foot is not None and _foot_of_step(first + len(beside) + count) != leading_foot:
         count += 1  # so that the next strip begins with the leading foot
     feet = [_foot_of_step(first + len(beside) + i) for i in range(count)]
@@ -339,16 +359,32 @@ def _plan_on_strip(
     weights[0] *= first_length
     if last_strip:
         weights[-1] *= min(_SHORT_STOP_MPS / gait.speed_mps, 1.0)  # fast walkers stop with a shorter step
-    # places on the strip: shares of the number of steps, which is not proportional to the distance; the only foothold
-    # of a strip, with the weight 0, is in the middle
-    shares = np.cumsum(weights) / weights.sum() if weights.sum() > 0 else np.array([0.5])
-    s = np.interp(shares * paces[-1], paces, along)
-    if len(s) > 2:  # random errors of all places but the first and the last
-        lengths = np.gradient(s)[1:-1]  # m, length of the steps around each place
+    places = _share_out(weights, paces, along)
+    for stop in stops:
+        # a step into the stop and one out of it lie on the strip, if it has room for both
+        i = min(max(int(np.searchsorted(places, stop.at_m)), 1), max(count - 2, 0))
+        pauses[i] += stop.for_s
+        if strip.terrain != "stair" and count > 2:
+            weights[i : i + 2] *= _STEP_INTO_PAUSE, _FIRST_STEP
+    places = _share_out(weights, paces, along)
+    if len(places) > 2:  # random errors of all places but the first and the last
+        lengths = np.gradient(places)[1:-1]  # m, length of the steps around each place
         max_error = _MAX_LENGTH_ERROR
-        s[1:-1] += np.clip(rng.normal(0.0, gait.step_sd, len(s) - 2), -max_error, max_error) * lengths
+        places[1:-1] += np.clip(rng.normal(0.0, gait.step_sd, len(places) - 2), -max_error, max_error) * lengths
     before = [Foothold(foot=_foot_of_step(first), s=x, strip=strip) for x in beside]
-    return before + [Foothold(foot=f, s=float(x), strip=strip, pause_s=p) for f, x, p in zip(feet, s, pauses.tolist())]
+    return before + [
+        Foothold(foot=f, s=float(x), strip=strip, pause_s=p) for f, x, p in zip(feet, places, pauses.tolist())
+    ]
+
+
+def _share_out(weights: Array, paces: Array, along: Array) -> Array:
+    """(N,) m, arc lengths of the footholds of a strip whose steps have the (N,) relative lengths `weights`.
+
+    They are shares of the number of steps, which is not proportional to the distance: `paces` (K) are the numbers of
+    steps to the arc lengths `along` (K), m. The only foothold of a strip, with the weight 0, is in the middle.
+    """
+    shares = np.cumsum(weights) / weights.sum() if weights.sum() > 0 else np.array([0.5])
+    return np.interp(shares * paces[-1], paces, along)
 
 
 def _inner_depth_share(foot: str, curvature: float) -> float:

@@ -239,6 +239,7 @@ class Footstep(Stance):
         departure: push, climb or lower: manner of toe-off.
         style: Style of the step that ends here.
         clearance_m: Clearance of the sole above the ground on the way here, m.
+        pause_s: Time for which the walker stands still on both feet after this touch-down, s.
     """
 
     s: float
@@ -250,6 +251,7 @@ class Footstep(Stance):
     departure: str
     style: Style
     clearance_m: float = CLEARANCE_M
+    pause_s: float = 0.0
 
 
 def plan_footsteps(layout: Layout, size: Wearer, gait: Gait, rng: np.random.Generator) -> tuple[list[Footstep], float]:
@@ -276,7 +278,7 @@ def plan_footsteps(layout: Layout, size: Wearer, gait: Gait, rng: np.random.Gene
     off = touch - durations * [1.0 - float(style.double_support) for style in styles]
     # all footprints in order: first the two on which the walker stands
     rows = [_Row(foot, 0.0, layout.profile[0], -np.inf, level_style(0.0)) for foot in ("l", "r")]
-    rows += [_Row(p.foot, p.s, p.strip, t, style) for p, t, style in zip(holds, touch, styles)]
+    rows += [_Row(p.foot, p.s, p.strip, t, style, p.pause_s) for p, t, style in zip(holds, touch, styles)]
     steps = []
     for i, row in enumerate(rows):
         # number of the next footprint of the same foot; `off[k]` is the toe-off before row k + 2, after the first two
@@ -301,6 +303,7 @@ class _Row:
         strip: Strip of ground there.
         t_touch: Touch-down, s; -inf for the feet that stand at the start.
         style: Style of the step that ends here.
+        pause_s: Time for which the walker stands still on both feet after this touch-down, s.
     """
 
     foot: str
@@ -308,6 +311,7 @@ class _Row:
     strip: Strip
     t_touch: float
     style: Style
+    pause_s: float = 0.0
 
     @property
     def z(self) -> float:
@@ -357,7 +361,9 @@ def _footstep(
     side = 1.0 if row.foot == "l" else -1.0
     error = np.clip(rng.normal(0.0, _SIDE_SD_M * gait.step_sd), -_MAX_SIDE_M, _MAX_SIDE_M)
     left = side * (HALF_STEP_WIDTH_M + widening(way, before.s, row.s)) + float(error)
-    R_world_ground = rot_z(np.array(heading)) @ rot_y(np.array(-slope)) @ rot_x(np.array(row.strip.cross_slope))
+    # the ground rises by tan(cross slope) per horizontal metre to the left, also where it is inclined along the way
+    tilt = math.atan(math.tan(row.strip.cross_slope) * math.cos(slope))
+    R_world_ground = rot_z(np.array(heading)) @ rot_y(np.array(-slope)) @ rot_x(np.array(tilt))
     return Footstep(
         foot=row.foot,
         p_foot_in_world=np.array([*way.point(row.s, left), row.strip.height(row.s, left)]),
@@ -375,6 +381,7 @@ def _footstep(
         t_off=t_off,
         style=row.style,
         clearance_m=CLEARANCE_M + gait.shuffle * (_SLIDING_CLEARANCE_M - CLEARANCE_M),
+        pause_s=row.pause_s,
     )
 
 

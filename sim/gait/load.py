@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
+from scipy.ndimage import gaussian_filter1d
 
 from stridetwin.sim.gait.footsteps import SETTLE_S, WEIGHT_SHIFT_S, Footstep
 from stridetwin.sim.gait.style import TRAVEL_KNOTS
@@ -36,13 +37,16 @@ _BALL_MARGIN = 0.03  # likewise, from the border of the area in contact
 _HEEL_MARGIN_M = 0.003  # from the heel's edge
 _PASSING_S = 0.07  # transition when the foot becomes flat or ceases to be flat
 _MIN_TIP_ON_TREAD_M = 0.005  # least part of a tread that the tip needs to stand on
+_SHIFT_S = 0.45  # within which the load moves from both feet to one at the end of a pause, and before it to both
+_STANDING_FADE_S = 0.05  # SD of the filter of the time that a walker stands still
 _MAX_DROP_M = 0.03  # ground that is lower by more belongs to another tread
 
 
 def load_shares(steps: Mapping[str, Sequence[Footstep]], t: Array) -> dict[str, Array]:
     """Share of the load on each foot at (N,) s, by foot; the shares sum to 1.
 
-    A foot alone on the ground bears all. In double support the load moves by a cubic of the time (`_load_share`).
+    A foot alone on the ground bears all. In double support the load moves by a cubic of the time, and in a pause both
+    feet bear half (`_load_share`).
     """
     raw = {foot: np.zeros_like(t) for foot in steps}  # not yet scaled to a sum of 1
     for foot, foot_steps in steps.items():
@@ -55,9 +59,9 @@ def load_shares(steps: Mapping[str, Sequence[Footstep]], t: Array) -> dict[str, 
             # the load comes up after touch-down and goes down before toe-off; never for feet that stand at an end
             up, down = np.ones_like(t), np.ones_like(t)
             if np.isfinite(step.t_touch):
-                up = _load_share(step, (t - step.t_touch) / max(other_off - step.t_touch, 1e-6))
+                up = _load_share(step, t, step.t_touch, other_off)
             if np.isfinite(step.t_off):
-                down = 1 - _load_share(following, 1 - (step.t_off - t) / max(step.t_off - following.t_touch, 1e-6))
+                down = 1 - _load_share(following, t, following.t_touch, step.t_off)
             raw[foot] = np.where((t >= step.t_touch) & (t <= step.t_off), up * down, raw[foot])
     total = sum(raw.values())
     return {foot: r / total for foot, r in raw.items()}
@@ -78,11 +82,38 @@ def add_quiet_stance(shares: dict[str, Array], steps: Mapping[str, Sequence[Foot
     return {foot: (1 - stand) * s + stand * 0.5 for foot, s in shares.items()}
 
 
-def cop_travel(steps: Sequence[Footstep], t: Array) -> Array:
+def standing_time(steps: Mapping[str, Sequence[Footstep]], t: Array) -> Array:
+    """(N,) s for which the walker has stood still in pauses by each of (N,) uniform s; it does not decrease.
+
+    It counts between two shifts of the load: to both feet after a touch-down, and from both before the next toe-off.
+
+    Args:
+        steps: Footsteps by foot.
+        t: (N,) uniform s.
+    """
+    standing = np.zeros(len(t))
+    for foot, foot_steps in steps.items():
+        toe_offs = np.array([s.t_off for f in steps if f != foot for s in steps[f]])
+        for step in foot_steps:
+            end = toe_offs[toe_offs > step.t_touch].min(initial=np.inf)
+            if _is_pause(step, step.t_touch, end):
+                begin = step.t_touch + _SHIFT_S
+                standing += np.clip(t, begin, end - _SHIFT_S) - begin
+    return np.asarray(gaussian_filter1d(standing, _STANDING_FADE_S / (t[1] - t[0]), mode="nearest"))
+
+
+def cop_travel(steps: Sequence[Footstep], t: Array, standing: Array) -> Array:
     """(N,) planned centre of pressure under one foot at (N,) s, along the foot, as a share of the toe hinge's x.
 
-    It follows from the time in stance and the kind of landing alone; `pressure_centres` limits it to the contact area.
+    It follows from the time in stance without pauses, in which it rests, and the kind of landing alone;
+    `pressure_centres` limits it to the contact area.
+
+    Args:
+        steps: Footsteps of the foot in order of time.
+        t: (N,) s.
+        standing: (N,) s for which the walker has stood still in pauses (`standing_time`).
     """
+    walking = t - standing
     x = np.empty(len(t))
     for step, on in _rows_of_steps(steps, t):
         # (K, 2) share of stance, x as a share of the toe hinge's x
@@ -90,7 +121,8 @@ def cop_travel(steps: Sequence[Footstep], t: Array) -> Array:
         if step.arrival == "heel":
             knots = np.column_stack([TRAVEL_KNOTS, step.style.travel])
         if np.isfinite(step.t_touch) and np.isfinite(step.t_off):
-            u = np.clip((t[on] - step.t_touch) / (step.t_off - step.t_touch), 0.0, 1.0)  # share of stance
+            touch, off = np.interp([step.t_touch, step.t_off], t, walking)
+            u = np.clip((walking[on] - touch) / (off - touch), 0.0, 1.0)  # share of stance
             x[on] = PchipInterpolator(knots[:, 0], knots[:, 1])(u)
         elif np.isfinite(step.t_off):  # a foot that stands at the start: from quiet stance to the end of a stance
             x[on] = _STANDING_X + (knots[-1, 1] - _STANDING_X) * ease(
@@ -183,11 +215,32 @@ def _flat_time(t: Array, tilt: Array, i: int, flat: int) -> float:
     return float(t[i] + min(share, 1.0) * (t[flat] - t[i]))
 
 
-def _load_share(step: Footstep, s: Array) -> Array:
-    """(...) share of the load on the foot of `step`, 0-1, at the shares s (...) of the double support that it begins.
+def _load_share(step: Footstep, t: Array, begin: float, end: float) -> Array:
+    """(N,) share of the load on the foot of `step`, 0-1, at (N,) s of the double support that it begins.
 
-    The load moves within the share `transfer` of double support. It is a cubic of s, not the smoother quintic: people
-    load the heel at once, and a foot that hardly presses at touch-down bounces.
+    The load moves within the share `transfer` of double support. It is a cubic of the time, not the smoother quintic:
+    people load the heel at once, and a foot that hardly presses at touch-down bounces. In a pause the load moves to
+    both feet, and from both to this one within the last `_SHIFT_S`.
+
+    Args:
+        step: The footstep.
+        t: (N,) s.
+        begin: Touch-down of this foot, s.
+        end: Toe-off of the other foot, s.
     """
-    s = np.clip(s / float(step.style.transfer), 0.0, 1.0)
+    if _is_pause(step, begin, end):
+        return 0.5 * _rise_cubic((t - begin) / _SHIFT_S) + 0.5 * _rise_cubic((t - end) / _SHIFT_S + 1.0)
+    # standing at the start has no begin, and standing at the end has no end: the load has moved, or does not move
+    progress = 1.0 - (end - t) / max(end - begin, 1e-6) if np.isfinite(end) else np.zeros(len(t))
+    return _rise_cubic(progress / float(step.style.transfer))
+
+
+def _is_pause(step: Footstep, begin: float, end: float) -> bool:
+    """Whether the walker stands on both feet in the double support from `begin` to `end`, s, that `step` begins."""
+    return step.pause_s > 0.0 and np.isfinite(end) and end - begin > 2 * _SHIFT_S
+
+
+def _rise_cubic(s: Array) -> Array:
+    """(...) cubic that rises from 0 at s = 0 to 1 at s = 1, without slope at both, and is constant elsewhere."""
+    s = np.clip(s, 0.0, 1.0)
     return s * s * (3.0 - 2.0 * s)

@@ -20,7 +20,7 @@ from stridetwin.sim.gait.exo_fit import ExoLeg, fit_leg, leg_pose, solve_leg_dyn
 from stridetwin.sim.gait.foot_path import FootPath, foot_path, with_heel_rise
 from stridetwin.sim.gait.footsteps import Footstep, Rhythm, plan_footsteps
 from stridetwin.sim.gait.leg_ik import LegAngles, solve_leg
-from stridetwin.sim.gait.load import add_quiet_stance, cop_travel, load_shares, pressure_centres
+from stridetwin.sim.gait.load import add_quiet_stance, cop_travel, load_shares, pressure_centres, standing_time
 from stridetwin.sim.gait.pelvis import (
     HARD_MIN_KNEE_RAD,
     fit_pelvis_height,
@@ -186,7 +186,8 @@ def plan_reference(
     # `planned_zmp` (N, 3) is the centre of pressure of both feet together
     paths = {side: foot_path(steps[side], size, t, terrain.height) for side in SIDES}
     shares = add_quiet_stance(load_shares(steps, t), steps, t)
-    travels = {side: cop_travel(steps[side], t) for side in SIDES}
+    standing = standing_time(steps, t)
+    travels = {side: cop_travel(steps[side], t, standing) for side in SIDES}
     centres, planned_zmp = _centres_of_pressure(steps, paths, shares, travels, size, t, terrain.height)
     rhythm, leg_m = Rhythm.of(steps), leg_length(size)
     pose = plan_posture(rhythm, paths, leg_m, t, terrain.profile, config.gait.gaze, rng)

@@ -292,8 +292,9 @@ def _lay_segment(pen: _Pen, segment: Segment, half: float) -> None:
     match segment:
         case Level(length_m=length, cross_slope_rad=cross):
             pen.lay_straight(length, "level", half, half, cross_slope=cross)
-        case Ramp(angle_rad=angle, rise_m=rise, down=down):
-            pen.lay_straight(rise / math.tan(angle), "ramp", half, half, rise=-rise if down else rise)
+        case Ramp(angle_rad=angle, rise_m=rise, cross_slope_rad=cross, down=down):
+            up = -rise if down else rise
+            pen.lay_straight(rise / math.tan(angle), "ramp", half, half, rise=up, cross_slope=cross)
         case Stairs(heights_m=heights, tread_m=tread, down=down):
             sign, first = -1.0 if down else 1.0, len(pen.slabs)  # of all heights; number of the flight's first slab
             # overhang of a tread, m, which is all of it without risers below; and its own rise, m

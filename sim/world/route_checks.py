@@ -81,9 +81,9 @@ def _check_chain(segments: Sequence[Segment], name: str) -> None:
         match segment:
             case Level(length_m=length, cross_slope_rad=cross):
                 _require(f"{at}.length_m", length, length > 0, "more than 0 m")
-                limit = f"up to {MAX_CROSS_SLOPE_RAD:.4f} rad (5 deg) either way"
-                _require(f"{at}.cross_slope_rad", cross, abs(cross) <= MAX_CROSS_SLOPE_RAD + _TINY, limit)
-            case Ramp(angle_rad=angle, rise_m=rise):
+                _check_cross_slope(cross, at)
+            case Ramp(angle_rad=angle, rise_m=rise, cross_slope_rad=cross):
+                _check_cross_slope(cross, at)
                 limit = f"above 0 up to {MAX_RAMP_RAD:.4f} rad (20 deg)"
                 _require(f"{at}.angle_rad", angle, 0 < angle <= MAX_RAMP_RAD + _TINY, limit)
                 _require(f"{at}.rise_m", rise, rise > 0, "more than 0 m (`down` gives the direction)")
@@ -110,6 +110,12 @@ def _check_chain(segments: Sequence[Segment], name: str) -> None:
                             _require(f"{at}.lanes[{k}][{m}].turn_rad", part.turn_rad, part.turn_rad == 0, "0 rad")
             case _:
                 assert_never(segment)  # so that types show a new kind of segment without a check
+
+
+def _check_cross_slope(cross: float, at: str) -> None:
+    """Rejects a tilt sideways, rad, that is too steep."""
+    limit = f"up to {MAX_CROSS_SLOPE_RAD:.4f} rad (5 deg) either way"
+    _require(f"{at}.cross_slope_rad", cross, abs(cross) <= MAX_CROSS_SLOPE_RAD + _TINY, limit)
 
 
 def _check_stairs(stairs: Stairs, at: str) -> None:

@@ -51,6 +51,7 @@ ROUTES: dict[str, tuple[Segment, ...]] = {
         Level(length_m=1.5),
     ),
     "aslant": (Level(length_m=1.5), Level(length_m=3.0, cross_slope_rad=np.radians(5.0)), Level(length_m=1.5)),
+    "aslant_ramp": (Level(length_m=1.5), Ramp(angle_rad=0.1, rise_m=0.3, cross_slope_rad=0.07), Level(length_m=1.5)),
 }
 
 
