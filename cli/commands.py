@@ -387,6 +387,18 @@ class SceneOptions(Options):
     output: Annotated[Path, output_option("Folder to write; scenes of one wearer may share it.", "DIR")]
 
 
+@dataclass(frozen=True, kw_only=True)
+class MotionOptions(Options):
+    """Fit a wearer to a recording of a person, and show how well: markers, steps, terrain, and an image."""
+
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Markers, .trc or .c3d, possibly .gz.")]
+    height_m: Annotated[float, option("Height of the person, m.", "M")] = 1.75
+    mass_kg: Annotated[float, option("Mass of the person, kg.", "KG")] = 75.0
+    markers: Annotated[str, option("Set of markers; without it, the one that knows most names.", "SET")] = ""
+    duration_s: Annotated[float, option("Loop the recording to this length, s; 0 for its own length.", "S")] = 0.0
+    output: Annotated[Path | None, output_option("Image to write, .png; none without it.", "FILE")] = None
+
+
 SCHEMAS = {
     "scenario": "stridetwin.scenarios.scenario_model:ScenarioFile",
     "campaign": "stridetwin.scenarios.campaign.campaign_file:CampaignFile",
@@ -429,6 +441,7 @@ COMMANDS = {
     "history": Command(HistoryOptions, "history:history_command"),
     "experiment": Command(ExperimentOptions, "studies:experiment_command"),
     "place": Command(PlaceOptions, "studies:place_command"),
+    "motion": Command(MotionOptions, "motion:motion_command"),
     "scene": Command(SceneOptions, "scene:scene_command"),
     "schema": Command(SchemaOptions, "listing:schema_command"),
     "view": Command(ViewOptions, "recording:view_command"),

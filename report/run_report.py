@@ -59,7 +59,7 @@ def render_report(data: ReportData) -> str:
         f"seed {data.seed}",
         f"{config.physics} physics",
         f"{config.person.height_m:.2f} m, {config.person.mass_kg:.0f} kg",
-        f"{config.gait.speed_mps:g} m/s on the level",
+        f"{config.gait.speed_mps:g} m/s on the level" if config.motion is None else "recorded motion",
         "ideal sensors" if config.ideal else "data-sheet sensors",
     ]
     if _RESIDUAL in data.recording.topics and config.physics == "dynamic":

@@ -57,8 +57,13 @@ def cost_of(configs: Iterable[TwinConfig]) -> Cost:
     count, walked_s, size_mb, cpu_s = 0, 0.0, 0.0, 0.0
     for config in configs:
         # the route ends with its last segment; the walker also stands at both ends
-        way_m = lay_out(config.route).way.segments[-1].s1
-        seconds = way_m / config.gait.speed_mps + 2.0 * config.gait.stand_s
+        if config.motion is None:
+            way_m = lay_out(config.route).way.segments[-1].s1
+            seconds = way_m / config.gait.speed_mps + 2.0 * config.gait.stand_s
+        else:
+            from stridetwin.sim.motion.source import apply_motion  # MuJoCo, so imported when it is needed
+
+            seconds = apply_motion(config)[1].duration_s
         count, walked_s = count + 1, walked_s + seconds
         size_mb += seconds * _rate(_MB_PER_S, _REST_MB_PER_S, config.sensors)
         other_cpu_per_s = _REST_CPU_PER_S * (_DYNAMIC if config.physics == "dynamic" else 1.0)

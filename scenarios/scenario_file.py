@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from stridetwin.scenarios.built_in import catalogue as catalogue
 from stridetwin.scenarios.scenario_model import ScenarioFile
 from stridetwin.sim.config import PHYSICS as PHYSICS
-from stridetwin.sim.config import Level, Route, Segment, Stairs, TwinConfig
+from stridetwin.sim.config import Level, Motion, Route, Segment, Stairs, TwinConfig
 from stridetwin.sim.faults.faults import check_faults
 from stridetwin.sim.sensors.standard_rig import EXO_GROUPS, standard_rig
 from stridetwin.sim.world.mesh_terrain import MeshWay, mesh_terrain
 from stridetwin.sim.world.route import lay_out
-from stridetwin.streams.errors import ConfigError, ConfigFileError, StrideTwinError, check_type
+from stridetwin.streams.errors import ConfigError, ConfigFileError, Missing, StrideTwinError, check_type
 from stridetwin.streams.validation import suggest, validate
 from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, read_yaml
 
@@ -97,7 +97,14 @@ def scenario_of(node: object, path: Path) -> Scenario:
         ConfigError: An invalid value; the message names file, field, value and what is valid.
     """
     file = validate(ScenarioFile, node, path, context={"folder": path.parent})
-    terrain: Any = file.terrain  # a tuple of segments, or a mesh, from which the segments are found
+    if file.terrain is None and file.motion is None:
+        raise ConfigError(path, "terrain", Missing(), "segments, or a mesh; only a recorded motion shows its terrain")
+    recording: Any = file.motion
+    motion: Motion | None = None if recording is None else replace(recording, finds_terrain=file.terrain is None)
+    # as long as the terrain is not found, a level stands for it
+    terrain: Any = file.terrain or (
+        Level(length_m=1.0),
+    )  # a tuple of segments, or a mesh, from which the segments are found
     notes: tuple[str, ...] = ()
     if isinstance(terrain, MeshWay):
         terrain, summary = mesh_terrain(terrain, file.width_m)
@@ -106,7 +113,16 @@ def scenario_of(node: object, path: Path) -> Scenario:
     values: dict[str, Any] = {name: getattr(file, name) for name in _OF_CONFIG}
     if "sensors" in file.model_fields_set:
         values |= {"sensors": file.sensors.groups, "fittings": file.sensors.configs}
-    config = TwinConfig(name=path.stem, route=route, **values)
+    config = TwinConfig(name=path.stem, route=route, motion=motion, **values)
+    if motion is not None:
+        if "gait" in file.model_fields_set:
+            raise ConfigError(path, "gait", file.gait.pattern, "no gait, as the motion is recorded")
+        if config.physics != "kinematic":
+            valid = "kinematic, as a recorded motion has no plan that a simulated walker could follow"
+            raise ConfigError(path, "physics", config.physics, valid)
+        from stridetwin.sim.motion.source import apply_motion  # MuJoCo, so imported when it is needed
+
+        config, _ = apply_motion(config)
     # each call raises all errors of its checks together; the second one lays out route and rig, which needs what the
     # first one checks
     _run_checks(

@@ -41,6 +41,7 @@ from stridetwin.sim.config import (
     Gait,
     Lanes,
     Level,
+    Motion,
     Person,
     Ramp,
     Riser,
@@ -52,6 +53,7 @@ from stridetwin.sim.config import (
 )
 from stridetwin.sim.faults.catalogue import FAULTS
 from stridetwin.sim.faults.faults import Fault, TimedFault
+from stridetwin.sim.motion.marker_sets import MARKED_BODIES, MARKER_SETS
 from stridetwin.sim.parts.kinds import Part
 from stridetwin.sim.parts.library import IDEAL, kind_of, load_part, read_part
 from stridetwin.sim.parts.sensor_config import KIND, Clock, Facing, Seat, SensorConfig
@@ -434,6 +436,47 @@ SensorsInFile = Annotated[
 """Type of `sensors`: the list of enabled groups, or a mapping of those that differ from `TwinConfig`."""
 
 
+class _MarkerPlace(FileModel):
+    """Where a marker is fixed.
+
+    Attributes:
+        body: Body of the wearer, such as `pelvis`, `thigh_l` or `foot_r`.
+        at_m: About where in the body's frame, x forward, y left, z up; the fit moves it by some centimetres.
+    """
+
+    body: Annotated[str, OneOf(MARKED_BODIES)]
+    at_m: tuple[Number, Number, Number]
+
+
+class _Motion(FileModel):
+    """A recording of a person, in place of a planned walk.
+
+    Attributes:
+        file: Markers (`.trc`, `.c3d`), possibly packed by gzip.
+        markers: Set of markers; without it, the one that knows most of the names.
+        places: Table of markers in place of a set, by their names in the file.
+        duration_s: Length to which a short recording is looped.
+    """
+
+    file: Text
+    markers: Annotated[str, OneOf(tuple(MARKER_SETS))] | None = None
+    places: dict[str, _MarkerPlace] = {}  # noqa: RUF012 (pydantic copies it)
+    duration_s: Annotated[Number, Field(ge=1, le=600)] | None = None
+
+
+def _build_motion(motion: _Motion, info: ValidationInfo) -> Motion:
+    """The recording, whose file is relative to the folder of the scenario."""
+    path = context_folder(info) / motion.file
+    if not path.is_file():
+        raise field_error(motion.file, "an existing file, relative to the scenario's folder", "file")
+    return Motion(
+        file=str(path),
+        markers=motion.markers,
+        places=tuple((name, place.body, place.at_m) for name, place in motion.places.items()),
+        duration_s=motion.duration_s,
+    )
+
+
 class ScenarioFile(FileModel):
     """A scenario: the walker, the terrain, the gait and the sensors.
 
@@ -457,10 +500,11 @@ class ScenarioFile(FileModel):
         shock: Heel-strike vibration and rocking of the shoes' uppers; never with ideal sensors.
         faults: Faults between sensors and recorder, of the sensors' mounts, and of the calibration.
         site: Where on the Earth the walk is, for its gravity; without it gravity is 9.81 m/s².
+        motion: A recording of a person that replaces the planned walk; then `terrain` may be left out, and is found.
     """
 
     description: Text
-    terrain: _Terrain
+    terrain: _Terrain | None = None
     width_m: Annotated[Number, Field(ge=1.2, le=10)] = 2.4
     scenery: Annotated[str, OneOf(SCENERIES)] = "outdoor"
     person: _Person = Person()
@@ -478,3 +522,4 @@ class ScenarioFile(FileModel):
     shock: StrictBool = True
     faults: Annotated[FaultList, Field(min_length=1)] = ()
     site: Site | None = None
+    motion: Annotated[_Motion, AfterValidator(_build_motion)] | None = None

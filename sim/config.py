@@ -359,6 +359,25 @@ class Site:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Motion:
+    """A recording of a person that the wearer moves like.
+
+    Attributes:
+        file: Path of the recording: markers (`.trc`, `.c3d`), possibly `.gz`.
+        markers: Set of markers by name; None for the one that fits the names.
+        places: The user's own table in place of a set: name of each marker, body, and place in its frame, m.
+        duration_s: Length to which a short recording is looped; None for its own length.
+        finds_terrain: Whether the terrain follows from the rests of the feet; otherwise it is the route's.
+    """
+
+    file: str
+    markers: str | None = None
+    places: tuple[tuple[str, str, tuple[float, float, float]], ...] = ()
+    duration_s: float | None = None
+    finds_terrain: bool = True
+
+
+@dataclass(frozen=True, kw_only=True)
 class TwinConfig:
     """Complete definition of a walk; together with a seed it determines every byte of the recording.
 
@@ -378,6 +397,8 @@ class TwinConfig:
         dynamics: Parameters of `physics: dynamic`; None for its defaults.
         faults: Faults between sensors and recorder, and faults of the sensor mounts.
         site: Where the walk is; None for a site of nominal gravity.
+        motion: A recorded motion in place of a planned one; lengths of the person, and the terrain unless it is given,
+            follow from it.
     """
 
     name: str
@@ -394,6 +415,7 @@ class TwinConfig:
     dynamics: Dynamics | None = None
     faults: tuple[Fault, ...] = ()
     site: Site | None = None
+    motion: Motion | None = None
 
     @property
     def gravity_mps2(self) -> float:

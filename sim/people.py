@@ -14,6 +14,31 @@ from stridetwin.streams.fields import MILLIMETRES, Number, OneOf
 
 
 @dataclass(frozen=True, kw_only=True)
+class Segments:
+    """Lengths of a person's segments where they are known; those that are None follow from height and sex.
+
+    Attributes:
+        thigh_m: Hip centre to knee centre.
+        shank_m: Knee centre to ankle centre.
+        ankle_height_m: Ankle centre above the sole of the shoe.
+        hip_width_m: Distance of the hip centres.
+        trunk_m: Hip centres to the top of the head.
+        shoulder_width_m: Distance of the shoulder centres.
+        upper_arm_m: Shoulder centre to elbow centre.
+        forearm_m: Elbow centre to wrist centre.
+    """
+
+    thigh_m: Annotated[Number | None, Field(ge=280, le=560, alias="thigh_mm"), MILLIMETRES] = None
+    shank_m: Annotated[Number | None, Field(ge=280, le=560, alias="shank_mm"), MILLIMETRES] = None
+    ankle_height_m: Annotated[Number | None, Field(ge=60, le=150, alias="ankle_height_mm"), MILLIMETRES] = None
+    hip_width_m: Annotated[Number | None, Field(ge=110, le=240, alias="hip_width_mm"), MILLIMETRES] = None
+    trunk_m: Annotated[Number | None, Field(ge=600, le=1050, alias="trunk_mm"), MILLIMETRES] = None
+    shoulder_width_m: Annotated[Number | None, Field(ge=240, le=500, alias="shoulder_width_mm"), MILLIMETRES] = None
+    upper_arm_m: Annotated[Number | None, Field(ge=200, le=400, alias="upper_arm_mm"), MILLIMETRES] = None
+    forearm_m: Annotated[Number | None, Field(ge=180, le=360, alias="forearm_mm"), MILLIMETRES] = None
+
+
+@dataclass(frozen=True, kw_only=True)
 class Person:
     """The person who walks.
 
@@ -22,12 +47,14 @@ class Person:
         mass_kg: Body mass.
         sex: `male` or `female` (de Leva's tables).
         shoe_m: Shoe size as the length of the foot that it fits (260 mm and the like); None derives it from the height.
+        segments: Lengths of segments that differ from those of the tables; None for a person of the tables.
     """
 
     height_m: Annotated[Number, Field(ge=1.5, le=1.95)] = 1.75
     mass_kg: Annotated[Number, Field(ge=45, le=110)] = 75.0
     sex: Annotated[str, OneOf(("male", "female"))] = "male"
     shoe_m: Annotated[Number | None, Field(ge=200, le=320, alias="shoe_mm"), MILLIMETRES] = None
+    segments: Segments | None = None
 
 
 # Shim et al. 2019, table 3: sex, stature m, mass kg, shoe mm

@@ -97,7 +97,8 @@ def foot_phase(walk: Walk, side: str, t: NDArray[np.floating]) -> NDArray[np.uin
     off = np.array([s.t_off for s in steps])[i]
     # in stance, a foot that is not flat is in the phase of the nearer end
     phase = np.where(np.abs(pitch) < _FLAT_RAD, FLAT, np.where(t - touch < off - t, CONTACT, HEEL_OFF))
-    return np.where(t > off, SWING, phase).astype(np.uint8)
+    # a recording may begin while the foot is in the air
+    return np.where((t > off) | (t < touch), SWING, phase).astype(np.uint8)
 
 
 def _odometry(topic: str, track: Track) -> Block[Odometry]:

@@ -23,6 +23,9 @@ from stridetwin.sim.faults.faults import plan_faults
 from stridetwin.sim.gait.exo_fit import check_legs
 from stridetwin.sim.gait.heel_strike import UpperMotion, case_parameters, draw_shoes
 from stridetwin.sim.gait.reference import Reference, plan_reference
+from stridetwin.sim.motion.fit import FittedWalk
+from stridetwin.sim.motion.recorded_walk import make_recorded_walk
+from stridetwin.sim.motion.source import apply_motion
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.playback import Playback
 from stridetwin.sim.rendering.camera_processes import CameraProcesses
@@ -82,13 +85,20 @@ class Twin:
             raise ConfigError(config.name, "dynamics", f"physics {config.physics}", "no dynamics, or physics dynamic")
         if config.exo is not None and config.exo.drive != "idle" and config.physics != "dynamic":
             raise ConfigError(config.name, "exo.drive", config.exo.drive, "idle, or physics dynamic")
+        recorded: FittedWalk | None = None
+        if config.motion is not None:  # person and terrain follow from the recording
+            config, recorded = apply_motion(config)
         self.config, self.seed = config, seed
         composed = compose(config)
         self.terrain, self.size, self.sensor_rig = composed.terrain, composed.size, composed.sensor_rig
         self.rig: Rig = self.sensor_rig.nominal(seed)
         self.model: mujoco.MjModel = compile_model(composed.spec)
         check_legs(self.model, self.size)
-        self.given_walk: GivenWalk = plan(config, self.model, self.size, self.terrain, self._rng(_STEPS))
+        self.given_walk: GivenWalk
+        if recorded is None:
+            self.given_walk = plan(config, self.model, self.size, self.terrain, self._rng(_STEPS))
+        else:
+            self.given_walk = make_recorded_walk(recorded, self.model, self.size, self.terrain)
         self._plan_control = plan_control
         grid = self.given_walk.grid
         self.crowd: Crowd = plan_bystanders(

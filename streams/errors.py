@@ -109,6 +109,7 @@ EXTRA_OF = {
     "open3d": "open3d",
     "lzfse": "record3d",
     "projectaria_tools": "aria",
+    "ezc3d": "mocap",
 }
 """The extra that brings each optional library, by the library's import name."""
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stridetwin.sim.people import Person
+from stridetwin.sim.people import Person, Segments
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
 
@@ -45,8 +45,9 @@ _TABLE: dict[str, dict[str, tuple[float, ...]]] = {
 _STATURE_M = {"male": 1.741, "female": 1.735}  # of the mean person of the table
 _HIP_HALF_WIDTH = 0.050  # of stature, between the hip centres / 2
 _ANKLE_HEIGHT = 0.043  # of stature, ankle centre above the bare sole
+_SHOULDER_HALF_WIDTH = 0.185 / 0.826  # of the trunk's length (trunk.xml)
 _FOOT_LENGTH = 0.148  # of stature
-_SHOE_OVER_FOOT_M = 0.012  # outer length of the shoe over the foot's
+SHOE_OVER_FOOT_M = 0.012  # outer length of the shoe over the foot's
 SHOE_SOLE_M = 0.025  # thickness of the sole under the foot
 
 
@@ -78,6 +79,7 @@ class Anthropometry:
         hip_half_width_m: Half the distance of the hip centres.
         shoe_length_m: Outer length of the shoe.
         trunk_m: Hip centres to the top of the head.
+        shoulder_half_width_m: Half the distance of the shoulder centres.
         inertials: Mass properties by body: pelvis, torso, head, upper_arm, forearm, hand, thigh, shank, foot, toe.
     """
 
@@ -89,6 +91,7 @@ class Anthropometry:
     hip_half_width_m: float
     shoe_length_m: float
     trunk_m: float
+    shoulder_half_width_m: float
     inertials: dict[str, MassProperties]
 
 
@@ -109,9 +112,12 @@ def anthropometry(person: Person) -> Anthropometry:
     # `k` scales the table's lengths to this person
     table, k = _TABLE[person.sex], person.height_m / _STATURE_M[person.sex]
 
+    own = person.segments or Segments()
+    measured = {"thigh": own.thigh_m, "shank": own.shank_m, "upper_arm": own.upper_arm_m, "forearm": own.forearm_m}
+
     def length(name: str) -> float:
-        """Length of a segment of this person, m."""
-        return table[name][1] * 1e-3 * k
+        """Length of a segment of this person, m: the measured one, or that of the table."""
+        return measured.get(name) or table[name][1] * 1e-3 * k
 
     def segment(name: str, z_proximal: float) -> MassProperties:
         """Segment that hangs down (−z) from a proximal end at height `z_proximal` of its body's frame."""
@@ -126,7 +132,7 @@ def anthropometry(person: Person) -> Anthropometry:
         )
 
     bare_ankle = _ANKLE_HEIGHT * person.height_m
-    trunk = person.height_m - bare_ankle - length("shank") - length("thigh")
+    trunk = own.trunk_m or person.height_m - bare_ankle - length("shank") - length("thigh")
     lumbar = trunk * 0.133  # where the torso's joint sits above the hip centres (trunk.xml)
     lower = length("lower_trunk")  # heights above the hip centres of the tops of the lower and the middle trunk
     middle = lower + length("middle_trunk")
@@ -159,10 +165,11 @@ def anthropometry(person: Person) -> Anthropometry:
         shank_m=length("shank"),
         upper_arm_m=length("upper_arm"),
         forearm_m=length("forearm"),
-        ankle_height_m=bare_ankle + SHOE_SOLE_M,
-        hip_half_width_m=_HIP_HALF_WIDTH * person.height_m,
-        shoe_length_m=(person.shoe_m or _FOOT_LENGTH * person.height_m) + _SHOE_OVER_FOOT_M,
+        ankle_height_m=own.ankle_height_m or bare_ankle + SHOE_SOLE_M,
+        hip_half_width_m=own.hip_width_m / 2 if own.hip_width_m else _HIP_HALF_WIDTH * person.height_m,
+        shoe_length_m=(person.shoe_m or _FOOT_LENGTH * person.height_m) + SHOE_OVER_FOOT_M,
         trunk_m=trunk,
+        shoulder_half_width_m=own.shoulder_width_m / 2 if own.shoulder_width_m else _SHOULDER_HALF_WIDTH * trunk,
         inertials=inertials,
     )
 

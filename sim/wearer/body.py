@@ -109,7 +109,7 @@ def add_wearer(spec: mujoco.MjSpec, person: Person, exo: Exo | None) -> Wearer:
             _stretch_foot(shoe, body.shoe_length_m / 0.270)
             attach(spec.body(f"{carrier}_{side}"), shoe, part, side=side)
         arm = _scale_leaf("arm", {"upper_arm": body.upper_arm_m / 0.2817, "forearm": body.forearm_m / 0.2689}, girth)
-        shoulder = np.array([0.0, y * 0.185, 0.395]) * trunk_scale  # m, in the torso's frame
+        shoulder = np.array([0.0, y * body.shoulder_half_width_m, 0.395 * trunk_scale])  # m, in the torso's frame
         attach(torso, arm, "upper_arm", shoulder, side)
     _set_inertials(spec, body)
     if exo is not None and isinstance(size.exo, ExoLinks):

@@ -1,0 +1,228 @@
+"""The wearer's bodies at many instants: where points on them are, and how that changes with coordinates and lengths."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.sim.kinematics.coordinates import Coordinates
+from stridetwin.sim.people import Person, Segments
+from stridetwin.sim.wearer.anthropometry import SHOE_OVER_FOOT_M, anthropometry
+from stridetwin.sim.wearer.body import add_wearer, compile_model
+from stridetwin.sim.wearer.dimensions import Wearer
+from stridetwin.streams.samples import Array
+
+LENGTHS = (*(field.name for field in fields(Segments)), "shoe_m")
+"""Names of the lengths that are fitted to a person."""
+_STEP_M = 0.01  # of the differences by which the places of bodies change with the lengths
+
+
+class Poses(NamedTuple):
+    """Poses of B bodies at N instants.
+
+    Attributes:
+        R: (N, B, 3, 3) body to world.
+        p: (N, B, 3) m, origins.
+        axes: (N, D, 3) axis of each rotating coordinate, world axes; 0 of the first three.
+        anchors: (N, D, 3) m, a point on it.
+    """
+
+    R: Array
+    p: Array
+    axes: Array
+    anchors: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Skeleton:
+    """Kinematics of a wearer without exoskeleton in the coordinates of `Coordinates`.
+
+    Attributes:
+        size: Dimensions.
+        layout: Names and order of the D coordinates.
+        bodies: Names of the B bodies, carriers first; the first is the root.
+        parent: (B,) number of each body's carrier, -1 of the root.
+        offset: (B, 3) m, origin in the carrier's frame.
+        anchor: (B, 3) m, point about which all hinges of a body rotate, in its frame.
+        hinges: For each body its coordinates, each with its axis (3,) in the body's frame.
+        carries: (B, D) whether a coordinate moves a body.
+        limits: (D, 2) rad, range of each coordinate; infinite for the root.
+    """
+
+    size: Wearer
+    layout: Coordinates
+    bodies: tuple[str, ...]
+    parent: NDArray[np.int64]
+    offset: Array
+    anchor: Array
+    hinges: tuple[tuple[tuple[int, Array], ...], ...]
+    carries: NDArray[np.bool_]
+    limits: Array
+
+    @classmethod
+    def of(cls, person: Person) -> Skeleton:
+        """Skeleton of a person without exoskeleton."""
+        spec = mujoco.MjSpec()
+        size = add_wearer(spec, person, None)
+        model = compile_model(spec)
+        layout = Coordinates.of(model)
+        ids = range(1, model.nbody)
+        names = tuple(model.body(b).name for b in ids)
+        parent = np.array([model.body_parentid[b] - 1 for b in ids])
+        hinges, anchor = [], np.zeros((len(names), 3))
+        carries = np.zeros((len(names), len(layout.names)), dtype=bool)
+        limits = np.tile([-np.inf, np.inf], (len(layout.names), 1))
+        for i, b in enumerate(ids):
+            joints = range(model.body_jntadr[b], model.body_jntadr[b] + model.body_jntnum[b]) if i else ()
+            body_hinges = []
+            for j in joints:
+                column = layout.names.index(model.joint(j).name)
+                body_hinges.append((column, model.jnt_axis[j].copy()))
+                anchor[i] = model.jnt_pos[j]
+                limits[column] = model.jnt_range[j]
+            if i == 0:  # yaw, pitch and roll of the free root
+                body_hinges = [(3, np.eye(3)[2]), (4, np.eye(3)[1]), (5, np.eye(3)[0])]
+                carries[i, :3] = True
+            else:
+                carries[i] = carries[parent[i]]
+            carries[i, [column for column, _ in body_hinges]] = True
+            hinges.append(tuple(body_hinges))
+        offset = model.body_pos[1:].copy()
+        offset[0] = 0.0  # the root's place is its coordinates
+        return cls(
+            size=size,
+            layout=layout,
+            bodies=names,
+            parent=parent,
+            offset=offset,
+            anchor=anchor,
+            hinges=tuple(hinges),
+            carries=carries,
+            limits=limits,
+        )
+
+    def index(self, body: str) -> int:
+        """Number of a body."""
+        return self.bodies.index(body)
+
+    def column(self, name: str) -> int:
+        """Number of a coordinate."""
+        return self.layout.names.index(name)
+
+    def poses(self, x: Array) -> Poses:
+        """Poses of all bodies at (N, D) coordinates."""
+        n, count = len(x), len(self.bodies)
+        R, p = np.empty((n, count, 3, 3)), np.empty((n, count, 3))
+        axes, anchors = np.zeros((n, x.shape[1], 3)), np.zeros((n, x.shape[1], 3))
+        for b, up in enumerate(self.parent):
+            carrier_R, carrier_p = (R[:, up], p[:, up]) if up >= 0 else (np.eye(3)[None].repeat(n, 0), x[:, :3])
+            point = carrier_p + carrier_R @ (self.offset[b] + self.anchor[b])
+            body_R = carrier_R
+            for column, axis in self.hinges[b]:
+                axes[:, column], anchors[:, column] = body_R @ axis, point
+                body_R = body_R @ _rotate(axis, x[:, column])
+            R[:, b], p[:, b] = body_R, point - body_R @ self.anchor[b]
+        return Poses(R, p, axes, anchors)
+
+    def points(self, poses: Poses, bodies: NDArray[np.int64], places: Array) -> Array:
+        """(N, P, 3) m in the world, of (P, 3) places on (P,) bodies."""
+        return poses.p[:, bodies] + np.einsum("npij,pj->npi", poses.R[:, bodies], places)
+
+    def jacobian(self, poses: Poses, bodies: NDArray[np.int64], points: Array) -> Array:
+        """(N, P, 3, D) derivatives of (N, P, 3) points on (P,) bodies by the coordinates."""
+        n, count, _ = points.shape
+        J = np.zeros((n, count, 3, poses.axes.shape[1]))
+        J[:, :, [0, 1, 2], [0, 1, 2]] = 1.0
+        for b in np.unique(bodies):
+            rows = np.flatnonzero(bodies == b)
+            columns = np.flatnonzero(self.carries[b])
+            columns = columns[columns >= 3]
+            arm = points[:, rows, None] - poses.anchors[:, None, columns]
+            turned = np.cross(poses.axes[:, None, columns], arm)  # (N, rows, columns, 3)
+            J[:, rows[:, None], :, columns[None]] = np.moveaxis(turned, 0, 2)
+        return J
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LengthChanges:
+    """How bodies are displaced by the lengths `LENGTHS`.
+
+    Attributes:
+        offset: (L, B, 3) derivative of each body's origin in its carrier's frame.
+        anchor: (L, B, 3) derivative of the point about which its hinges rotate.
+    """
+
+    offset: Array
+    anchor: Array
+
+    @classmethod
+    def of(cls, person: Person) -> LengthChanges:
+        """Derivatives at a person, whose lengths are all given; places are linear in the lengths."""
+        base = Skeleton.of(person)
+        changed = [Skeleton.of(_with_length(person, name, _STEP_M)) for name in LENGTHS]
+        return cls(
+            offset=np.stack([(s.offset - base.offset) / _STEP_M for s in changed]),
+            anchor=np.stack([(s.anchor - base.anchor) / _STEP_M for s in changed]),
+        )
+
+    def jacobian(self, skeleton: Skeleton, poses: Poses, bodies: NDArray[np.int64]) -> Array:
+        """(N, P, 3, L) derivatives of points on (P,) bodies by the lengths, at unchanged coordinates."""
+        n, count = poses.p.shape[:2]
+        moved = np.zeros((n, count, 3, len(LENGTHS)))  # of the bodies' origins
+        for b, up in enumerate(skeleton.parent):
+            if up < 0:
+                continue
+            carrier = poses.R[:, up]
+            moved[:, b] = moved[:, up] + np.einsum("nij,lj->nil", carrier, self.offset[:, b])
+            moved[:, b] += np.einsum("nij,lj->nil", carrier - poses.R[:, b], self.anchor[:, b])
+        return moved[:, bodies]
+
+
+def lengths_of(person: Person) -> Person:
+    """The same person with all lengths given as they follow from height and sex."""
+    body = anthropometry(person)
+    return replace(
+        person,
+        shoe_m=body.shoe_length_m - SHOE_OVER_FOOT_M,
+        segments=Segments(
+            thigh_m=body.thigh_m,
+            shank_m=body.shank_m,
+            ankle_height_m=body.ankle_height_m,
+            hip_width_m=2 * body.hip_half_width_m,
+            trunk_m=body.trunk_m,
+            shoulder_width_m=2 * body.shoulder_half_width_m,
+            upper_arm_m=body.upper_arm_m,
+            forearm_m=body.forearm_m,
+        ),
+    )
+
+
+def length_values(person: Person) -> Array:
+    """(L,) m, the lengths `LENGTHS` of a person who has all of them."""
+    return np.array([person.shoe_m if name == "shoe_m" else getattr(person.segments, name) for name in LENGTHS])
+
+
+def with_lengths(person: Person, values: Sequence[float] | Array) -> Person:
+    """The person with other lengths (L,), m, in the order of `LENGTHS`."""
+    table: Mapping[str, float] = {name: float(value) for name, value in zip(LENGTHS, values)}
+    segments = Segments(**{name: value for name, value in table.items() if name != "shoe_m"})
+    return replace(person, shoe_m=table["shoe_m"], segments=segments)
+
+
+def _with_length(person: Person, name: str, change: float) -> Person:
+    """The person with one length changed by m."""
+    values = length_values(person)
+    values[LENGTHS.index(name)] += change
+    return with_lengths(person, values)
+
+
+def _rotate(axis: Array, angle: Array) -> Array:
+    """(N, 3, 3) rotations by (N,) angles about a constant unit axis (Rodrigues)."""
+    x, y, z = axis
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + np.sin(angle)[:, None, None] * K + (1.0 - np.cos(angle))[:, None, None] * (K @ K)
