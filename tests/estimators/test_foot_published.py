@@ -130,6 +130,7 @@ def test_wrong_settings_are_refused() -> None:
 @pytest.mark.parametrize(("method", "mean_m", "median_m"), [("shoe", 0.266, 0.155), ("ared", 0.303, 0.244)])
 def test_known_figures_of_the_published_filter(method: str, mean_m: float, median_m: float) -> None:
     """pyshoe's figures on the 14 walks; its windows are blocks of five samples, those here end at every sample."""
+    assert FOLDER is not None
     walks = real_walks.load_vicon(FOLDER)
     detector = ZeroVelocityDetector(method=method)
     error = real_walks.spread(
