@@ -107,9 +107,9 @@ EXTRA_OF = {
     "pandas": "frames",
     "sklearn": "learn",
     "open3d": "open3d",
+    "ezc3d": "mocap",
     "lzfse": "record3d",
     "projectaria_tools": "aria",
-    "ezc3d": "mocap",
 }
 """The extra that brings each optional library, by the library's import name."""
 

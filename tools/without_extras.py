@@ -33,6 +33,7 @@ EXTRAS = frozenset(
         "pandas",
         "zenoh",
         "open3d",
+        "ezc3d",
         "lzfse",
         "projectaria_tools",
         "plotly",

@@ -31,7 +31,7 @@ from stridetwin.sim.gait.pelvis import (
 )
 from stridetwin.sim.gait.posture import Posture, plan_posture
 from stridetwin.sim.gait.style import leg_length
-from stridetwin.sim.gait.swing_variability import vary_swings
+from stridetwin.sim.gait.swing_variability import set_down_softly, vary_swings
 from stridetwin.sim.kinematics.coordinates import Coordinates
 from stridetwin.sim.kinematics.rigid_tree import Tree, root_wrench
 from stridetwin.sim.walk import GivenWalk
@@ -181,6 +181,8 @@ def plan_reference(
     footsteps, duration = plan_footsteps(terrain.layout, size, config.gait, rng)
     # swings are drawn from a stream of their own, which leaves places and times of the steps as they are
     footsteps = vary_swings(footsteps, config.gait, rng.spawn(1)[0])
+    if config.physics == "dynamic":
+        footsteps = set_down_softly(footsteps)
     steps = {side: [s for s in footsteps if s.foot == side] for side in SIDES}
     # the grid of all quantities; it extends beyond the walk, so that boundary effects of the splines stay outside
     t = np.arange(-0.5, duration + 0.5 + GRID_S, GRID_S)

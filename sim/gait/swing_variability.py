@@ -26,6 +26,15 @@ _MIN_CLEARANCE = 0.5  # of the usual clearance
 _SHARED = 0.3  # of the landing's speed in its logarithm: a hard push-off lands harder
 
 
+def set_down_softly(steps: Sequence[Footstep]) -> list[Footstep]:
+    """The footsteps with heels that come to rest before they touch the ground.
+
+    Use it for a walk that is simulated: the simulated body has rigid legs, on which a landing at a person's speed is a
+    blow of several body weights, and its feet reach their speed of landing themselves.
+    """
+    return [replace(step, swing=replace(step.swing, landing=0.0)) for step in steps]
+
+
 def vary_swings(steps: Sequence[Footstep], gait: Gait, rng: np.random.Generator) -> list[Footstep]:
     """The footsteps with swings that differ from each other; places and times stay the same.
 

@@ -50,7 +50,7 @@ def test_every_file_of_the_project_names_its_schema_in_the_first_line(kind, path
 def test_the_command_prints_a_schema(capsys):
     assert main(["schema", "scenario"]) == 0
     schema = json.loads(capsys.readouterr().out)
-    assert set(schema["required"]) == {"description", "terrain"}
+    assert set(schema["required"]) == {"description"}  # a recorded motion finds its terrain
     assert schema["properties"]["width_m"] == {
         "default": 2.4,
         "description": "Width of the route, or of each lane.",

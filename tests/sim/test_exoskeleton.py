@@ -428,7 +428,9 @@ def test_couplings_carry_the_legs_of_the_exoskeleton(level: Twin) -> None:
     torque = playback.loads(t_ns, playback.motion(t_ns)).joint_torque
     names = twin.reference.coordinates.names[6:]
     own = [i for i, name in enumerate(names) if name.startswith("exo_") and "dorsiflexion" not in name]  # has its stop
-    assert np.sqrt((torque[:, own] ** 2).mean(axis=0)).max() < 0.7  # N m; the hip, of some 10
+    assert (
+        np.sqrt((torque[:, own] ** 2).mean(axis=0)).max() < 0.9
+    )  # N m; the hip, of some 10, in the jolts of landings at speed
 
 
 def test_forward_simulation_of_the_legs_follows_the_plan(level: Twin) -> None:

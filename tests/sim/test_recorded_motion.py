@@ -213,3 +213,19 @@ def test_scenario_refuses_what_a_recording_cannot_have(tmp_path: Path) -> None:
         scenario_of(node | {"gait": {"speed_mps": 1.0}}, tmp_path / "walk.yaml")
     with pytest.raises(ConfigError, match="kinematic"):
         scenario_of(node | {"physics": "dynamic"}, tmp_path / "walk.yaml")
+
+
+def test_c3d_gives_back_the_markers_that_were_written(tmp_path: Path) -> None:
+    ezc3d = pytest.importorskip("ezc3d")
+    x = np.random.default_rng(0).normal(size=(25, 2, 3)).cumsum(axis=0)  # m
+    content = ezc3d.c3d()
+    content["parameters"]["POINT"]["RATE"]["value"] = [100.0]
+    content["parameters"]["POINT"]["LABELS"]["value"] = ["LASI", "RASI"]
+    content["parameters"]["POINT"]["UNITS"]["value"] = ["mm"]
+    content["data"]["points"] = np.concatenate([1e3 * x.transpose(2, 1, 0), np.ones((1, 2, 25))])
+    content.write(str(tmp_path / "two.c3d"))
+    table = read_markers(tmp_path / "two.c3d")
+    assert table.names == ("LASI", "RASI")
+    assert table.t == pytest.approx(0.01 * np.arange(25))
+    apart = np.linalg.norm(table.x[:, 0] - table.x[:, 1], axis=1)  # whatever the axes
+    assert apart == pytest.approx(np.linalg.norm(x[:, 0] - x[:, 1], axis=1), abs=1e-6)
