@@ -105,7 +105,7 @@ def test_the_table_has_the_papers_figures_beside_ours(short) -> None:
             "IMUs exchanged",
             "the IMUs",
             marks=pytest.mark.xfail(
-                strict=True, reason="feet that land at speed leave too little evidence in a walk of 2 m"
+                strict=True, reason="feet that land at speed leave too little evidence in a walk of 5 m"
             ),
         ),
     ],
