@@ -58,7 +58,7 @@ def test_the_command_prints_a_schema(capsys):
         "minimum": 1.2,
         "type": "number",
     }
-    segments = schema["properties"]["terrain"]["oneOf"][0]["items"]["oneOf"]
+    segments = schema["properties"]["terrain"]["anyOf"][0]["oneOf"][0]["items"]["oneOf"]
     stairs = next(s["properties"]["stairs"]["oneOf"][0] for s in segments if s["required"] == ["stairs"])
     assert stairs["required"] == ["risers", "direction"]
     assert stairs["properties"]["direction"]["enum"] == ["up", "down"]
