@@ -231,7 +231,7 @@ def figures(foot: FootSignals) -> dict[str, float]:
     return result
 
 
-def recorded_feet() -> list[FootSignals]:
+def read_recorded_feet() -> list[FootSignals]:
     """Both feet of `dual_foot_walk`, on the times of their IMUs; empty without the recordings."""
     folder = data_folder("dual_foot_walk")
     feet = []
@@ -297,7 +297,7 @@ def measure(arguments: Namespace) -> dict[str, Any]:
         fittings={"foot_imu": SensorConfig(position_m=BESIDE_ANKLE_M)},
     )
     summary: dict[str, dict[str, float]] = {}
-    recordings = recorded_feet()
+    recordings = read_recorded_feet()
     if recordings:
         summary["recorded"] = median_of(recordings)
     for speed in arguments.speeds:

@@ -89,12 +89,12 @@ Filter = Callable[[], FootIns]
 def our_variants() -> dict[str, Filter]:
     """31 sets of parameters of the foot INS, the present one first."""
     usual = FootInsParameters()
-    made: dict[str, FootInsParameters] = {BASE: usual}
+    variants: dict[str, FootInsParameters] = {BASE: usual}
     for name, factors in _FACTORS.items():
         for factor in factors:
-            made[f"{name} x {factor:g}"] = replace(usual, **{name: factor * getattr(usual, name)})
-    made |= {name: replace(usual, **values) for name, values in _VALUES.items()}
-    return {name: partial(FootIns, parameters=parameters) for name, parameters in made.items()}
+            variants[f"{name} x {factor:g}"] = replace(usual, **{name: factor * getattr(usual, name)})
+    variants |= {name: replace(usual, **values) for name, values in _VALUES.items()}
+    return {name: partial(FootIns, parameters=parameters) for name, parameters in variants.items()}
 
 
 def published_variants() -> dict[str, Filter]:

@@ -38,8 +38,8 @@ def motion_command(arguments: MotionOptions, progress: Progress) -> Outcome:
     lines += [f"  {name:<16} {value:6.1f} mm" for name, value in sorted(residuals.items(), key=lambda item: -item[1])]
     lines += ["steps: foot, mode, ground, touch-down s, toe-off s"]
     lines += [f"  {s.foot} {s.mode} {s.terrain:<6} {s.t_touch:8.2f} {s.t_off:8.2f}" for s in steps]
-    found = "level ground" if not risers else f"risers {', '.join(f'{r:.0f}' for r in risers)} mm"
-    lines += [f"terrain: {found}" + "".join(f", tread {t:.0f} mm" for t in treads)]
+    ground = "level ground" if not risers else f"risers {', '.join(f'{r:.0f}' for r in risers)} mm"
+    lines += [f"terrain: {ground}" + "".join(f", tread {t:.0f} mm" for t in treads)]
     if arguments.output is not None:
         import cv2
 

@@ -298,8 +298,7 @@ def _plan_on_strip(
         feet = [_foot_of_step(first + i) for i in range(2 if both else 1)]
         # where the stair winds, the foot with the narrower tread decides
         s = _position_on_tread(strip, rising, heel, toe, min(_inner_depth_share(f, bend) for f in feet))
-        standing = [0.0] * (len(feet) - 1) + [sum(stop.for_s for stop in stops)]
-        return [Foothold(foot=f, s=s, strip=strip, pause_s=pause) for f, pause in zip(feet, standing)]
+        return _place_beside(feet, s, strip, stops)
 
     def step(s: Array) -> Array:
         """(N,) m, step length on this strip at (N,) arc lengths; shorter on ramps."""
@@ -335,9 +334,7 @@ def _plan_on_strip(
         # one more step in place, if the next strip would otherwise not begin with the leading foot
         if leading_foot is not None and _foot_of_step(first + count) != leading_foot:
             count += 1
-        standing = [0.0] * (count - 1) + [sum(stop.for_s for stop in stops)]
-        feet = [_foot_of_step(first + i) for i in range(count)]
-        return [Foothold(foot=f, s=middle, strip=strip, pause_s=pause) for f, pause in zip(feet, standing)]
+        return _place_beside([_foot_of_step(first + i) for i in range(count)], middle, strip, stops)
     # number of steps, and their relative lengths; the first foothold is at `start`, but where the walker already stands
     # there, it is a shorter step away
     first_length = _FIRST_STEP if first_strip else 0.0
@@ -375,6 +372,12 @@ def _plan_on_strip(
     return before + [
         Foothold(foot=f, s=float(x), strip=strip, pause_s=p) for f, x, p in zip(feet, places, pauses.tolist())
     ]
+
+
+def _place_beside(feet: Sequence[str], s: float, strip: Strip, stops: Sequence[Stop]) -> list[Foothold]:
+    """Footholds of steps at one place of a strip, at the arc length `s`, m; all stops are made after the last one."""
+    pauses = [0.0] * (len(feet) - 1) + [sum(stop.for_s for stop in stops)]
+    return [Foothold(foot=foot, s=s, strip=strip, pause_s=pause) for foot, pause in zip(feet, pauses)]
 
 
 def _share_out(weights: Array, paces: Array, along: Array) -> Array:

@@ -50,11 +50,10 @@ def load_shares(steps: Mapping[str, Sequence[Footstep]], t: Array) -> dict[str, 
     """
     raw = {foot: np.zeros_like(t) for foot in steps}  # not yet scaled to a sum of 1
     for foot, foot_steps in steps.items():
-        other_steps = [s for f in steps if f != foot for s in steps[f]]
+        other_steps = _steps_of_other_foot(steps, foot)
         for step in foot_steps:
-            # double support ends with the other foot's toe-off after this touch-down, and begins again with the other
-            # foot's touch-down before this toe-off
-            other_off = min((s.t_off for s in other_steps if s.t_off > step.t_touch), default=np.inf)
+            # double support begins again with the other foot's touch-down before this toe-off
+            other_off = _end_of_double_support(step, other_steps)
             following = max((s for s in other_steps if s.t_touch < step.t_off), key=lambda s: s.t_touch)
             # the load comes up after touch-down and goes down before toe-off; never for feet that stand at an end
             up, down = np.ones_like(t), np.ones_like(t)
@@ -93,9 +92,9 @@ def standing_time(steps: Mapping[str, Sequence[Footstep]], t: Array) -> Array:
     """
     standing = np.zeros(len(t))
     for foot, foot_steps in steps.items():
-        toe_offs = np.array([s.t_off for f in steps if f != foot for s in steps[f]])
+        other_steps = _steps_of_other_foot(steps, foot)
         for step in foot_steps:
-            end = toe_offs[toe_offs > step.t_touch].min(initial=np.inf)
+            end = _end_of_double_support(step, other_steps)
             if _is_pause(step, step.t_touch, end):
                 begin = step.t_touch + _SHIFT_S
                 standing += np.clip(t, begin, end - _SHIFT_S) - begin
@@ -233,6 +232,16 @@ def _load_share(step: Footstep, t: Array, begin: float, end: float) -> Array:
     # standing at the start has no begin, and standing at the end has no end: the load has moved, or does not move
     progress = 1.0 - (end - t) / max(end - begin, 1e-6) if np.isfinite(end) else np.zeros(len(t))
     return _rise_cubic(progress / float(step.style.transfer))
+
+
+def _steps_of_other_foot(steps: Mapping[str, Sequence[Footstep]], foot: str) -> list[Footstep]:
+    """Footsteps of the foot that is not `foot`, from footsteps by foot."""
+    return [step for other, other_steps in steps.items() if other != foot for step in other_steps]
+
+
+def _end_of_double_support(step: Footstep, other_steps: Sequence[Footstep]) -> float:
+    """Time at which the double support that `step` begins ends, s: the other foot's next toe-off; inf without one."""
+    return min((s.t_off for s in other_steps if s.t_off > step.t_touch), default=np.inf)
 
 
 def _is_pause(step: Footstep, begin: float, end: float) -> bool:

@@ -91,7 +91,7 @@ class PointSet:
         )
 
     def rows(self, rows: NDArray[np.int64] | slice) -> PointSet:
-        """The same points at some of the instants."""
+        """These points with their paths and weights at some instants alone, given by the rows of the instants."""
         return replace(self, paths=self.paths[rows], weights=self.weights[rows])
 
 

@@ -184,7 +184,7 @@ class LengthChanges:
 
 
 def lengths_of(person: Person) -> Person:
-    """The same person with all lengths given as they follow from height and sex."""
+    """A person with the lengths of all segments set to those that follow from height and sex."""
     body = anthropometry(person)
     return replace(
         person,

@@ -1,7 +1,6 @@
 """Recorded people: readers, inverse kinematics, feet on the ground, terrain, loops, and the twin that plays them."""
 
 import gzip
-import os
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -9,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.real_walks import data_folder
 from stridetwin.scenarios.scenario_file import scenario_of
 from stridetwin.sim.config import Level, Motion, Person, Route, TwinConfig
 from stridetwin.sim.motion.feet import sole_points
@@ -23,8 +23,9 @@ from stridetwin.sim.twin import Twin
 from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.errors import ConfigError
 
-_DATA = Path(os.environ.get("STRIDETWIN_DATA", "/nowhere")) / "mocap"
-needs_data = pytest.mark.skipif(not _DATA.is_dir(), reason="no real recordings: STRIDETWIN_DATA is not set")
+_FOLDER = data_folder("mocap")
+_DATA = (_FOLDER or Path()) / "mocap"
+needs_data = pytest.mark.skipif(_FOLDER is None, reason="no recordings: set STRIDETWIN_DATA to their folder")
 _PERSON = Person(height_m=1.75)
 
 

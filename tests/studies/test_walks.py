@@ -14,7 +14,7 @@ from stridetwin.outputs.truth import TruePath
 from stridetwin.streams.samples import Image, Imu
 from stridetwin.streams.trajectory import Trajectory
 from stridetwin.studies.case import ExperimentCase
-from stridetwin.studies.experiment import experiment
+from stridetwin.studies.experiment import Experiment, experiment
 from stridetwin.studies.jao2020 import jao_faults, jao_walk
 from stridetwin.studies.jao2020.two_feet import COMPARED_METHODS, FEET, score_paths
 from stridetwin.studies.walks import record_shoes
@@ -96,6 +96,19 @@ def test_the_table_has_the_papers_figures_beside_ours(short) -> None:
     }
 
 
+EXCHANGES = ("left and right exchanged", "cameras exchanged", "IMUs exchanged")
+
+
+@pytest.fixture(scope="module")
+def exchanged(short) -> tuple[Experiment, dict]:
+    """The experiment on faults, and its result without a fault and with each exchange of left and right."""
+    case, _ = short
+    study = experiment("jao_faults")
+    faults = {label: study.setup.faults[label] for label in ("no fault", *EXCHANGES)}
+    row = jao_faults.run_case(replace(case, resume=True, setup=replace(case.setup, faults=faults)))
+    return study, study.result([row])
+
+
 @pytest.mark.parametrize(
     ("label", "words"),
     [
@@ -110,16 +123,15 @@ def test_the_table_has_the_papers_figures_beside_ours(short) -> None:
         ),
     ],
 )
-def test_exchanged_parts_are_refused_and_named_on_rendered_images(short, label: str, words: str) -> None:
-    case, _ = short
-    study = experiment("jao_faults")
-    labels = ("no fault", label)
-    faults = {label: study.setup.faults[label] for label in labels}
-    row = jao_faults.run_case(replace(case, resume=True, setup=replace(case.setup, faults=faults)))
-    result = study.result([row])
-    assert np.max(result["summary"]["no fault"]["end_error_m"]) < 0.06
+def test_exchanged_parts_are_refused_and_named_on_rendered_images(exchanged, label: str, words: str) -> None:
+    _, result = exchanged
     assert words in result["summary"][label].get("error", "")
-    assert len(study.table(result)) == 2 + len(labels)
+
+
+def test_the_same_walk_without_an_exchange_is_estimated(exchanged) -> None:
+    study, result = exchanged
+    assert np.max(result["summary"]["no fault"]["end_error_m"]) < 0.06
+    assert len(study.table(result)) == 2 + 1 + len(EXCHANGES)
 
 
 def straight(side: float) -> tuple[TruePath, FootInsPath]:
