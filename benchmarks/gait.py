@@ -1,4 +1,4 @@
-"""Consistency of the walk: penetration of the soles, slip in stance, joint ranges, foot pitch at landing on stairs.
+"""Consistency of the walk: depth of the soles, skid at landing, slip in stance, joint ranges, landings on stairs.
 
 Run as `python -m benchmarks.gait [--json] [--seeds 1000 1001 ...]`; walks `level_20m`, `stair_up_down`,
 `ramp_up_down`, `turns` and `cross_slope` and prints the worst over feet and seeds beside the limit.
@@ -14,6 +14,7 @@ import numpy as np
 
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import SIDES
+from stridetwin.sim.gait.foot_path import STOPPING_S
 from stridetwin.sim.playback import Motion
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.algebra.arrays import from_quaternion
@@ -21,7 +22,7 @@ from stridetwin.streams.samples import Array
 
 SCENARIOS = ("level_20m", "stair_up_down", "ramp_up_down", "turns", "cross_slope")
 HUMAN_DEG = {"hip_flexion": (-30, 120), "knee_flexion": (0, 140), "ankle_dorsiflexion": (-45, 38)}
-ALLOWED = {"penetration_mm": 5.0, "slip_mm": 2.0}
+ALLOWED = {"penetration_mm": 5.0, "skid_mm": 10.0, "slip_mm": 2.0}
 
 
 def motion_at(twin: Twin, t: Array) -> Motion:
@@ -45,10 +46,13 @@ def penetration(twin: Twin, side: str) -> float:
 
 
 def slip(twin: Twin, side: str) -> float:
-    """Largest movement along one axis of the loaded pivot (heel edge or toe hinge) in one stance, m."""
+    """Largest movement along one axis of the loaded pivot (heel edge or toe hinge) in one stance, m.
+
+    It counts from the instant at which the ground has stopped the heel (`skid` is the way until then).
+    """
     shoe, worst = twin.size.shoe, 0.0
     for step in twin.walk.steps[side]:
-        t = np.arange(max(step.t_touch, 0.0) + 1e-3, min(step.t_off, twin.duration_s) - 1e-3, 0.004)
+        t = np.arange(max(step.t_touch + STOPPING_S, 0.0) + 1e-3, min(step.t_off, twin.duration_s) - 1e-3, 0.004)
         track = motion_at(twin, t).tracks[f"foot_{side}"]
         R = from_quaternion(track.q_world_body)
         pitch = twin.walk.pitch(side, t)
@@ -58,6 +62,17 @@ def slip(twin: Twin, side: str) -> float:
             if on.sum() > 1:
                 worst = max(worst, float(np.ptp(point[on], axis=0).max()))
     return worst
+
+
+def skid(twin: Twin, side: str) -> float:
+    """Longest way of a heel along the ground from touch-down until the ground has stopped it, m."""
+    touch = np.array([step.t_touch for step in twin.walk.steps[side] if 0.0 < step.t_touch < twin.duration_s - 0.1])
+    heel = []
+    for t in (touch, touch + STOPPING_S):
+        track = motion_at(twin, t).tracks[f"foot_{side}"]
+        R = from_quaternion(track.q_world_body)
+        heel.append(track.p_body_in_world + R @ np.array([twin.size.shoe.heel_back_x, 0.0, 0.0]))
+    return float(np.linalg.norm((heel[1] - heel[0])[:, :2], axis=1).max())
 
 
 def joint_range_deg(twin: Twin, joint: str) -> tuple[float, float]:
@@ -81,6 +96,7 @@ def measure(scenario: str, seed: int) -> dict[str, float]:
     twin = Twin(replace(load_scenario(scenario).config, sensors=()), seed)
     row = {
         "penetration_mm": 1e3 * max(penetration(twin, side) for side in SIDES),
+        "skid_mm": 1e3 * max(skid(twin, side) for side in SIDES),
         "slip_mm": 1e3 * max(slip(twin, side) for side in SIDES),
     }
     for joint in HUMAN_DEG:

@@ -5,7 +5,8 @@ bodies: differences from the joint angles of Schwartz, Rozumalski & Trost 2008 i
 two-peaked ground reaction in body weights, hinges on knee margin, clearance, foot speed and moments, and weak priors
 that keep neighbouring speeds similar. Each speed is drawn towards the line through its neighbours, in sweeps that begin
 with `START`. No existing table is read, unless `--fields` names the fields to fit: then the others stay. The swing in
-the present table was fitted so: `--fields flat_after heel_off_before rise pitch forward lift --rounds 12`.
+the present table was fitted so: `--fields flat_after heel_off_before rise pitch forward lift --rounds 12`, then, for
+heels that land at speed, `--fields flat_after heel_off_before rise pitch travel forward lift --rounds 8`.
 """
 
 from __future__ import annotations

@@ -80,6 +80,10 @@ def _min_jerk_system(n: int) -> tuple[Array, Array, Array]:
     return third, Q, np.linalg.inv(R)
 
 
+STOPPING_S = 0.022
+"""Time from touch-down in which the ground stops a heel that lands at speed. People's heels slide on by 2 to 13 mm
+(McGorry, Chang & DiDomenico 2008)."""
+
 # Where the heel rises and how a swing clears an edge; chosen by hand for the ankle angles in `docs/design.md`.
 #
 # Uphill the ankle bends by the slope as well; on stairs the bent knee slackens the calf.
@@ -92,10 +96,9 @@ _RISE_SMOOTHING_S = 0.03  # SD of the Gaussian filter
 _RISE_FADE_S = 0.12  # in which the additional pitch begins, and in which it ends before toe-off
 _PIVOT_FROM = 0.30  # share of swing from which the moving point goes to the pivot of the landing
 _PIVOT_LASTS = 0.55  # share of swing that this takes, once the foot is level
-_LANDING_SPEED = 0.27  # at which the heel reaches the ground, relative to the mean speed of the swing
-_LANDING_BRAKE = 2.7  # deceleration before that, in units of that speed per duration of the swing
+_LANDING_SPEED = 0.10  # at which the heel reaches the ground, relative to the mean speed of the swing
+_LANDING_BRAKE = 2.8  # deceleration before that, in units of that speed per duration of the swing
 _SLOPE_WITHOUT_SPEED_RAD = 0.12  # downhill slope from which the heel is only set down
-_STOPPING_S = 0.022  # in which the ground stops the heel
 _LAG_OVER = 0.85  # share of swing before touch-down in which the foot lags
 _MAX_BUMP_M = 0.4  # higher, an edge lies too near a footprint for a bump, which rises slowly
 _NEAR_EDGE_M = 0.004  # margin before and behind a riser
@@ -149,6 +152,8 @@ def foot_path(steps: Sequence[Footstep], size: Wearer, t: Array, height: Callabl
     for i, step in enumerate(steps):
         on = (t >= step.t_touch) & (t <= step.t_off)
         p[on], R[on], toe[on] = _stance_poses(step, size.shoe, theta[on])
+        if i > 0:
+            p[on] -= _landing_lag(steps[i - 1], step, size, t[on])
         s[on], heading[on] = step.s, step.heading
         if i + 1 < len(steps):  # no swing follows the last footstep
             to = steps[i + 1]
@@ -187,8 +192,10 @@ def with_heel_rise(path: FootPath, steps: Sequence[Footstep], shoe: Shoe, t: Arr
         limit += _DORSIFLEXION_ON_STAIRS_RAD if step.arrival != "heel" else 0.0
         excess = np.maximum(dorsiflexion[on] - limit, 0.0)
         smooth = gaussian_filter1d(excess, _RISE_SMOOTHING_S / (t[1] - t[0]), mode="nearest")
+        rolling, _, _ = _stance_poses(step, shoe, theta[on])
         theta[on] += fade * _RISE_GAIN * smooth
-        p[on], R[on], toe[on] = _stance_poses(step, shoe, theta[on])
+        raised, R[on], toe[on] = _stance_poses(step, shoe, theta[on])
+        p[on] += raised - rolling
     return replace(path, p_foot_in_world=p, R_world_foot=R, toe_extension=toe, pitch=theta)
 
 
@@ -333,32 +340,39 @@ def _swing_positions(a: Footstep, b: Footstep, size: Wearer, s: Array, R: Array,
     if a.departure == "push" and b.arrival == "heel":
         point = point + _swing_shape(b.style, s, b.R_world_sole) * leg_length(size)
         point[:, 2] += b.swing.lift_m * bump(s)
-        # behind its smooth path, along the ground, so that it lands at speed
-        steep = max(-b.slope, 0.0) / _SLOPE_WITHOUT_SPEED_RAD  # the knee is nearly straight: it cannot take up a blow
-        lag = _landing_lag(s, b.t_touch - a.t_off, b.swing.landing * max(1.0 - steep, 0.0))
-        point = point - lag[:, None] * (end - start)
+    point = point - _landing_lag(a, b, size, a.t_off + s * (b.t_touch - a.t_off))
     return point - np.einsum("nij,nj->ni", R, pivot_in_foot)
 
 
-def _landing_lag(s: Array, swing_s: float, faster: float) -> Array:
-    """(N,) lag of a foot that lands at speed behind one that comes to rest, in units of the distance of its swing.
+def _landing_lag(a: Footstep, b: Footstep, size: Wearer, t: Array) -> Array:
+    """(N, 3) m, way that a foot still has to go at (N,) s to where it comes to rest, because it lands at speed.
 
-    The lag grows in swing, and is made up for before touch-down: the heel brakes evenly, and in the last `_STOPPING_S`
-    the ground stops it.
+    The lag grows in swing, along the ground, and is made up for around touch-down: the heel brakes evenly, and from
+    touch-down on the ground stops it within `STOPPING_S`. A heel that is set down rests at touch-down.
 
     Args:
-        s: (N,) shares of swing, 0-1.
-        swing_s: Duration of the swing.
-        faster: Speed of the landing relative to the usual one.
+        a: Footstep that the foot leaves.
+        b: Footstep that it reaches.
+        size: Wearer.
+        t: (N,) s, from the toe-off of `a` to the toe-off of `b`.
     """
-    left = 1.0 - s
-    stop = _STOPPING_S / swing_s
+    if a.departure != "push" or b.arrival != "heel":
+        return np.zeros((len(t), 3))
+    steep = max(-b.slope, 0.0) / _SLOPE_WITHOUT_SPEED_RAD  # the knee is nearly straight: it cannot take up a blow
+    faster = b.swing.landing * max(1.0 - steep, 0.0)
+    swing_s = b.t_touch - a.t_off
+    left = np.maximum(b.t_touch + STOPPING_S * min(faster, 1.0) - t, 0.0) / swing_s
+    stop = STOPPING_S / swing_s
     x = np.minimum(left / stop, 1.0)
     beyond = np.maximum(left - stop, 0.0)
     # integrals over the time left of `ease`, and of `ease` times the time left
     at_speed = stop * x**4 * (2.5 + x * (x - 3.0)) + beyond
     braking = stop**2 * x**5 * (2.0 + x * (6.0 / 7.0 * x - 2.5)) + beyond * (stop + beyond / 2.0)
-    return (faster * _LANDING_SPEED * at_speed + _LANDING_BRAKE * braking) * (1.0 - ease(left / _LAG_OVER))
+    shape = faster * _LANDING_SPEED * at_speed + _LANDING_BRAKE * braking
+    lag = shape * (1.0 - ease((b.t_touch - t) / swing_s / _LAG_OVER))
+    heel, hinge = _pivots(size.shoe)
+    way = b.p_foot_in_world + b.R_world_sole @ heel - a.p_foot_in_world - a.R_world_sole @ hinge
+    return lag[:, None] * way
 
 
 def _swing_shape(style: Style, s: Array, base: Array) -> Array:

@@ -83,10 +83,10 @@ class ShoeParameters:
 
 SHOE = ShoeParameters(
     mode_hz=np.array([17.0, 34.0, 68.0]),
-    mode_decay_s=np.array([0.040, 0.008, 0.040]),
+    mode_decay_s=np.array([0.063, 0.008, 0.040]),
     mode_force=np.array([[0.0, 23.0, 35.2], [0.0, 0.0, 208.2], [17.7, 27.3, 27.9]]),
     mode_rate=np.array([[5.26, 0.0, 2.75], [14.40, 10.20, 5.28], [2.56, 0.79, 2.27]]),
-    impact_mps=1.083,
+    impact_mps=1.10,
     strike_sd=0.27,
     slap=0.10,
     rock_hz=np.array([2.5, 5.0, 10.0]),
@@ -155,8 +155,9 @@ def case_parameters(strike: float) -> ShoeParameters:
 BEFORE_S = 0.02  # time before touch-down at which the speed of impact is read
 RISE_PERIODS = 0.4
 """A mode builds up within this share of its period."""
-SUPPORT = 10.0
-"""A mode is over after this many decay times."""
+SUPPORT = 7.0
+"""A mode is over after this many decay times; in the last `_FADE` of them it fades out."""
+_FADE = 2.0
 _UP = 2  # index of the displacement up among the six: displacement, then rotation, along and about forward, left, up
 
 
@@ -165,7 +166,7 @@ def vibration(tau: Array, hz: float, decay_s: float, phase: float) -> tuple[Arra
     """Oscillation of one mode after a strike, of unit amplitude, and its time derivative.
 
     s(τ) exp(-τ/T) sin(2πfτ + φ), where s rises smoothly (zero first and second derivative at both ends) from 0 to 1
-    within `RISE_PERIODS` periods.
+    within `RISE_PERIODS` periods, and falls to 0 in the last `_FADE` of `SUPPORT` decay times.
 
     Args:
         tau: (N,) s after the strike, τ.
@@ -189,10 +190,13 @@ def _envelope(tau: float, hz: float, decay_s: float) -> tuple[float, float]:
     """Envelope s(τ) exp(-τ/T) of a vibration at τ s after its strike, and its time derivative, 1/s.
 
     s is the minimum-jerk step from 0 to 1 within `RISE_PERIODS` periods of the mode, and T = `decay_s` its decay time.
+    At the end of its support it fades out.
     """
-    length = RISE_PERIODS / hz
-    rise, rising, decay = ease(tau / length), ease_rate(tau / length) / length, math.exp(-tau / decay_s)
-    return rise * decay, decay * (rising - rise / decay_s)
+    length, fade = RISE_PERIODS / hz, _FADE * decay_s
+    left = (SUPPORT * decay_s - tau) / fade
+    s, window, decay = ease(tau / length), ease(left), math.exp(-tau / decay_s)
+    change = ease_rate(tau / length) / length * window - s * ease_rate(left) / fade - s * window / decay_s
+    return s * window * decay, change * decay
 
 
 class _Vibrations(NamedTuple):

@@ -62,10 +62,6 @@ def test_the_reported_deviation_holds() -> None:
     assert 85.0 < np.mean([s["within_95_pct"] for s in scores]) <= 100.0
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="a planned heel brakes on the ground before its touch-down in the truth, and is found 17 ms early",
-)
 def test_touch_downs_are_found_within_a_sample_or_two() -> None:
     for walk in walk_on("level", 10):
         scores = phase_scores(to_series(estimate(walk)), walk.strides)
