@@ -122,11 +122,14 @@ class BoardTracker:
                 self._waiting.append(image)  # it stays, in the same order as before
         return sorted(ready, key=lambda item: item[2])
 
-    def detect(self, image: Image, expected: BoardPrediction) -> BoardObservation | None:
+    def detect(self, image: Image, expected: BoardPrediction, doubted: bool = False) -> BoardObservation | None:
         """The board in an image; None if it is not detected or not searched.
 
-        If no board has been found at its prediction for `_MISSED_NS`, the whole image is searched first.
+        If predictions are `doubted`, the whole image is searched. If no board has been found at its prediction for
+        `_MISSED_NS`, the whole image is searched first.
         """
+        if doubted:
+            return self._search_whole_image(image, self._detectors[image.topic], _LOST_EVERY_NS)
         if self._found_ns is None:  # the first image
             self._found_ns = image.t_ns
         if image.t_ns - self._found_ns > _MISSED_NS:

@@ -328,7 +328,10 @@ class FootToFoot:
         for image, foot, t_ns in ready:
             expected = self._predict_board(foot, t_ns)
             # no prediction while a foot is not tracked; no observation if the board is not detected
-            if expected is None or (observation := self._boards.detect(image, expected)) is None:
+            if expected is None:
+                continue
+            observation = self._boards.detect(image, expected, self._left_right.seems_exchanged)
+            if observation is None:
                 continue
             seen.append(observation)
             if not self._left_right.agrees(observation, foot, self._attitudes()):

@@ -59,6 +59,11 @@ class LeftRightCheck:
         self._newest_ns = NEVER  # time of the last image used
         self._settled = False  # that nothing is exchanged is certain
 
+    @property
+    def seems_exchanged(self) -> bool:
+        """Whether another assignment than the rig's is the likeliest so far."""
+        return bool(self._against[0] > self._against[1:].min())
+
     def agrees(self, observation: BoardObservation, camera: int, R_world_imu: Array) -> bool:
         """Whether an observation by a foot's camera may be used: False while left and right seem exchanged.
 
