@@ -24,7 +24,7 @@ from pydantic import (
     create_model,
 )
 
-from stridetwin.sim.choices import part_files
+from stridetwin.sim.choices import BODY_PLACES, part_files
 from stridetwin.sim.config import (
     DIRECTIONS,
     DRIVES,
@@ -63,6 +63,7 @@ from stridetwin.sim.world.mesh_terrain import MeshWay
 from stridetwin.streams.errors import ConfigError, Missing, StrideTwinError
 from stridetwin.streams.fields import (
     DEG,
+    MILLIMETRES,
     MM,
     FileModel,
     InputFile,
@@ -276,6 +277,7 @@ _OPTIONS = {
     "head_imu": ("strike", "population"),
     "foot_imu": ("position_m", "rotation_rad", "population"),
     "exo_imu": ("population",),
+    "body_imu": ("position_m", "rotation_rad", "population"),
     "sonar": ("mount",),
 }
 """Attributes of a `SensorConfig` that only some groups have."""
@@ -285,8 +287,10 @@ _HIGHEST_ON_SHOE_M = 0.15
 """Height of the upper of a high shoe above its sole."""
 _ON_SHOE = (
     f"up to {_HIGHEST_ON_SHOE_M / MM:g}, as foot_imu is fixed to the shoe and turns with the foot; an IMU on the shank "
-    "is imus.shank_l in the rig file of an exoskeleton of your own"
+    "is sensors.body_imu.shank_l"
 )
+_OnSegment = Annotated[Number, Field(ge=-600, le=600), MILLIMETRES]
+"""Coordinate on a segment of the body, which is longer than a shoe: mm in files, m here."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -378,6 +382,8 @@ def _group_type(group: str) -> Any:
     hints["mount"] = hints["board"] if group == "sonar" else Seat
     position = hints["position_m"]
     hints["position_m"] = Annotated[position, AfterValidator(_check_on_shoe)]
+    if group == "body_imu":
+        hints["position_m"] = Annotated[tuple[_OnSegment, _OnSegment, _OnSegment], Field(alias="position_mm")]
     # None stands for an option that the file does not give
     names = (*_COMMON_OPTIONS, *_OPTIONS.get(group, ()))
     fields: dict[str, Any] = {
@@ -420,11 +426,39 @@ def _sensors_of_groups(groups: BaseModel) -> Sensors:
     return Sensors(
         groups=tuple(g for g in KIND if values.get(g, g in TwinConfig.sensors) is not False),
         paths={name: f"sensors.{name}" for name, value in values.items() if value is not False},
-        configs={name: _sensor_config(value) for name, value in values.items() if isinstance(value, BaseModel)},
+        configs={
+            name: value if isinstance(value, SensorConfig) else _sensor_config(value)
+            for name, value in values.items()
+            if not isinstance(value, bool)
+        },
     )
 
 
-_group_fields: dict[str, Any] = {group: (_group_type(group), None) for group in KIND}
+def _worn_places(places: BaseModel) -> SensorConfig:
+    """The configuration of the IMUs on the body from what the file says of each place; others have none."""
+    values = {name: getattr(places, name) for name in BODY_PLACES if name in places.model_fields_set}
+    return SensorConfig(
+        places={
+            name: _sensor_config(value) if isinstance(value, BaseModel) else SensorConfig()
+            for name, value in values.items()
+            if value is not False
+        }
+    )
+
+
+_place_type = _group_type("body_imu")
+_place_fields: dict[str, Any] = {place: (_place_type, None) for place in BODY_PLACES}
+_Places: Any = create_model("BodyImus", __base__=FileModel, **_place_fields)
+_Places.__doc__ = "IMUs on the body by place; places that are not named have none.\n\nAttributes:\n" + "".join(
+    f"    {place}: IMU there: on, the name of its part, or its options.\n" for place in BODY_PLACES
+)
+_BodyImus = Annotated[
+    Annotated[StrictBool, Tag("=switch")] | Annotated[_Places, AfterValidator(_worn_places), Tag("=places")],
+    Discriminator(lambda node: "=switch" if isinstance(node, bool) else "=places"),
+]
+_group_fields: dict[str, Any] = {
+    group: (_BodyImus if group == "body_imu" else _group_type(group), None) for group in KIND
+}
 _Groups: Any = create_model("Sensors", __base__=FileModel, **_group_fields)
 _Names = Annotated[
     tuple[Annotated[str, OneOf(tuple(KIND))], ...], AfterValidator(check_unique), AfterValidator(_sensors_of_names)

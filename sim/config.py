@@ -389,7 +389,8 @@ class TwinConfig:
         gait: How the person walks.
         physics: `kinematic`, a walk exactly as planned, or `dynamic`, its forward simulation.
         sensors: Groups of sensors that are on: foot_imu, foot_camera, sonar, insole, ahrs, encoder, interaction,
-            actuator, head_imu, head_camera; and exo_imu, off by default: the AHRSs' inertial sensors.
+            actuator, head_imu, head_camera; and, off by default, exo_imu, the AHRSs' inertial sensors, and body_imu,
+            IMUs on segments of the body.
         fittings: Groups whose part, rate or clock differs from the standard.
         rig_mount: `head` or `chest`: where the RGB-D camera sits.
         ideal: Noise-free sensors on rigid shoes.

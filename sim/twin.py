@@ -210,9 +210,10 @@ class Twin:
             uppers: Vibration of shoes' uppers and of the camera's case relative to their bodies, by name of the body;
                 empty for rigid ones.
         """
+        carriers = [imu.mount.body for imu in self.sensor_rig.rig.imus.values()]
         if isinstance(self.walk, SimulatedWalk):
-            return Replay(self.model, self.walk, uppers)
-        return Playback(self.model, self.walk, uppers)
+            return Replay(self.model, self.walk, uppers, carriers)
+        return Playback(self.model, self.walk, uppers, carriers)
 
     @cached_property
     def _uppers(self) -> dict[str, UpperMotion]:
