@@ -155,7 +155,7 @@ def _check_things(path: Path, route: Route) -> None:
     from stridetwin.sim.world.obstacles import check_things  # compiled functions, so imported when it is needed
 
     try:
-        check_things(route.things, lay_out(route))
+        check_things(route.things, lay_out(route), route.width_m)
     except ConfigError as error:
         raise ConfigError(path, error.field.replace("segments", "terrain"), error.value, error.valid) from error
 

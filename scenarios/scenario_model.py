@@ -31,6 +31,7 @@ from stridetwin.sim.config import (
     LIGHT_RANGE,
     MAX_BYSTANDERS,
     MAX_LANES,
+    OPENING_M,
     PATTERNS,
     PHYSICS,
     SCENERIES,
@@ -241,9 +242,20 @@ class _Place(FileModel):
     left_m: Annotated[Number, Field(ge=-10, le=10)] = 0.0
 
 
-_Thing = OneKey(
-    {kind: _Place for kind in THINGS}, lambda kind, place: Thing(kind=kind, at_m=place.at_m, left_m=place.left_m)
-)
+class _Door(_Place):
+    """A door frame on the route, in a wall across it.
+
+    Attributes:
+        at_m: Distance of its near side along the route, from the world's origin.
+        left_m: Offset of the opening's middle to the left of the route.
+        opening_m: Clear width of the opening.
+    """
+
+    opening_m: Annotated[Number, Field(ge=0.8, le=2.5)] = OPENING_M
+
+
+_THING_KEYS: dict[str, type[_Place]] = {kind: _Door if kind == "door" else _Place for kind in THINGS}
+_Thing = OneKey(_THING_KEYS, lambda kind, place: Thing(kind=kind, **dict(place)))
 
 
 def _check_times(fault: Fault) -> Fault:

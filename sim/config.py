@@ -33,7 +33,8 @@ SCENERIES = ("outdoor", "room", "corridor")
 TEXTURES = ("rich", "plain", "white")
 LIGHT_RANGE = (0.2, 1.4)
 MAX_BYSTANDERS = 4
-THINGS = ("stripe", "shadow", "mat", "table", "chair", "crate", "wall", "glass")
+THINGS = ("stripe", "shadow", "mat", "table", "chair", "crate", "wall", "glass", "door")
+OPENING_M = 0.90  # of a door, clear width
 
 
 DRIVES = ("idle", "assist")
@@ -165,14 +166,17 @@ class Thing:
 
     Attributes:
         kind: Flat across the way are `stripe`, a hazard marking, `shadow`, and `mat`, black and without depth; upright
-            are `table`, `chair`, `crate`, as high as a step, `wall`, and `glass`, a pane that cameras look through.
+            are `table`, `chair`, `crate`, as high as a step, `wall`, and `glass`, a pane that cameras look through; a
+            `door` is a wall across the way with an opening in a frame, through which the walker goes.
         at_m: Where it begins along the way, from the world's origin.
         left_m: Distance of its middle to the left of the way.
+        opening_m: Clear width of a door.
     """
 
     kind: str
     at_m: float
     left_m: float = 0.0
+    opening_m: float = OPENING_M
 
 
 @dataclass(frozen=True, kw_only=True)
