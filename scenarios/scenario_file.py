@@ -24,7 +24,7 @@ SENSORS: tuple[str, ...] = TwinConfig.sensors
 CAMERAS = ("foot_camera", "head_camera")
 """Groups of sensors with images."""
 # keys of a file that are fields of the route, and of the configuration
-_OF_ROUTE = ("width_m", "scenery", "texture", "light", "bystanders", "things")
+_OF_ROUTE = ("width_m", "scenery", "texture", "light", "light_changes", "bystanders", "things")
 _OF_CONFIG = ("person", "exo", "gait", "physics", "dynamics", "rig_mount", "ideal", "shock", "faults", "site")
 
 

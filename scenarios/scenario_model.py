@@ -42,6 +42,7 @@ from stridetwin.sim.config import (
     Gait,
     Lanes,
     Level,
+    LightChange,
     Motion,
     Person,
     Ramp,
@@ -240,6 +241,14 @@ class _Place(FileModel):
 
     at_m: Annotated[Number, Field(ge=-2, le=500)]
     left_m: Annotated[Number, Field(ge=-10, le=10)] = 0.0
+
+
+def _check_change(change: LightChange) -> LightChange:
+    """Returns a change of the light; refuses one whose beginning is not clear."""
+    keys = [key for key in ("at_s", "at_m") if getattr(change, key) is not None]
+    if len(keys) != 1:
+        raise field_error(keys, "either at_s or at_m")
+    return change
 
 
 class _Door(_Place):
@@ -535,6 +544,7 @@ class ScenarioFile(FileModel):
         exo: The exoskeleton; `none` for a person without one.
         texture: Amount of visual detail on ground and walls.
         light: Brightness of sun and sky; 1 is daylight.
+        light_changes: Changes of the light during the walk, each at a time or at a place of the way.
         bystanders: Number of other people who walk around.
         things: Objects on the route, beside it or at its end.
         gait: Speed, style and variability of the walk.
@@ -557,6 +567,9 @@ class ScenarioFile(FileModel):
     exo: _ExoInFile = Exo()
     texture: Annotated[str, OneOf(TEXTURES)] = "rich"
     light: Annotated[Number, Field(ge=LIGHT_RANGE[0], le=LIGHT_RANGE[1])] = 1.0
+    light_changes: Annotated[
+        tuple[Annotated[LightChange, AfterValidator(_check_change)], ...], Field(min_length=1, max_length=50)
+    ] = ()
     bystanders: Annotated[StrictInt, Field(ge=0, le=MAX_BYSTANDERS)] = 0
     things: Annotated[tuple[Annotated[Any, _Thing], ...], Field(min_length=1)] = ()
     gait: Annotated[Gait, BeforeValidator(_fill_pattern)] = Gait()

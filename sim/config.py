@@ -180,6 +180,23 @@ class Thing:
 
 
 @dataclass(frozen=True, kw_only=True)
+class LightChange:
+    """A change of sun and sky, or of the lamps of a building, during the walk.
+
+    Attributes:
+        to: Brightness afterwards; 1 is daylight.
+        at_s: Time at which it begins.
+        at_m: Arc length along the way at which it begins, in place of a time: as the walker gets there.
+        over_s: How long it takes.
+    """
+
+    to: Annotated[Number, Field(ge=0.002, le=LIGHT_RANGE[1])]
+    at_s: Annotated[Number | None, Field(ge=0, le=3600)] = None
+    at_m: Annotated[Number | None, Field(ge=0, le=2000)] = None
+    over_s: Annotated[Number, Field(ge=0, le=600)] = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
 class Route:
     """Terrain along the walk, segment by segment from the world's origin along its x axis.
 
@@ -189,6 +206,7 @@ class Route:
         scenery: Surroundings: `outdoor`, `room` or `corridor`.
         texture: Visual texture of ground and walls: `rich`, `plain` or bare `white`.
         light: Brightness of sun and sky; 1 is daylight.
+        light_changes: Changes of the light during the walk.
         bystanders: Number of people who walk about, 0-4.
         things: Objects on the way, beside it or at its end.
     """
@@ -198,6 +216,7 @@ class Route:
     scenery: str = "outdoor"
     texture: str = "rich"
     light: float = 1.0
+    light_changes: tuple[LightChange, ...] = ()
     bystanders: int = 0
     things: tuple[Thing, ...] = ()
 

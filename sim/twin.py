@@ -37,6 +37,7 @@ from stridetwin.sim.sensors.suite import SensorSuite
 from stridetwin.sim.walk import GivenWalk
 from stridetwin.sim.wearer.body import compile_model
 from stridetwin.sim.world.bystanders import Crowd, plan_bystanders, pose_crowd
+from stridetwin.sim.world.light import LightCourse, plan_light
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Block, Sample
@@ -191,6 +192,11 @@ class Twin:
         """Slips of the sensor mounts."""
         return MountSlips.of(plan_faults(self.config.faults, self.rig, self.seed, self.duration_s), self.sensor_rig.rig)
 
+    @cached_property
+    def light(self) -> LightCourse:
+        """Course of the light; a change at a place begins when the given motion gets there."""
+        return plan_light(self.config.route, self.given_walk.duration_s, self.given_walk.progress)
+
     @property
     def fell_at(self) -> float | None:
         """Time at which a simulated walker fell, s; the walk ends there."""
@@ -269,7 +275,9 @@ class Twin:
         )
         end_ns = int(self.duration_s * 1e9)
         rates = suite.rates | {c.rate_hz for c in self.rig.cameras.values()} | {truth.RATE_HZ}
-        with CameraProcesses(self.model, self.sensor_rig, self.crowd, self.seed, self.mount_slips) as rendering:
+        with CameraProcesses(
+            self.model, self.sensor_rig, self.crowd, self.seed, self.mount_slips, light=self.light
+        ) as rendering:
             after_ns = -1  # so that the first chunk includes the instant 0
             images: Iterator[Sample] = iter(())  # of the chunk before, rendered by other processes in the meantime
             while after_ns < end_ns:
@@ -323,4 +331,7 @@ class Twin:
                 # the camera looks at a point 0.3 m ahead of the walker, 0.1 m below the pelvis, from the side: 68° off
                 # the heading, 9° down, and 3.2 m away
                 centre = [x[i] + 0.30 * np.cos(heading[i]), y[i] + 0.30 * np.sin(heading[i]), pose[2] - 0.10]
-                yield t, camera.frame(data, centre, 68.0 + np.degrees(heading[i]), -9.0, 3.2)
+                image = camera.frame(data, centre, 68.0 + np.degrees(heading[i]), -9.0, 3.2)
+                if (brightness := self.light.factor(round(t * 1e9))) != 1.0:
+                    image = np.clip(image * brightness, 0, 255).astype(np.uint8)
+                yield t, image
