@@ -56,11 +56,13 @@ from stridetwin.sim.config import (
 from stridetwin.sim.faults.catalogue import FAULTS
 from stridetwin.sim.faults.faults import Fault, TimedFault
 from stridetwin.sim.motion.marker_sets import MARKED_BODIES, MARKER_SETS
+from stridetwin.sim.parts.figure import G
 from stridetwin.sim.parts.kinds import Part
 from stridetwin.sim.parts.library import IDEAL, kind_of, load_part, read_part
 from stridetwin.sim.parts.sensor_config import KIND, Clock, Facing, Seat, SensorConfig
 from stridetwin.sim.people import PEOPLE
 from stridetwin.sim.wearer.exoskeleton import JOINTS, modules
+from stridetwin.sim.wearer.imu_places import body_of
 from stridetwin.sim.world.mesh_terrain import MeshWay
 from stridetwin.streams.errors import ConfigError, Missing, StrideTwinError
 from stridetwin.streams.fields import (
@@ -298,7 +300,7 @@ _OPTIONS = {
     "head_imu": ("strike", "population"),
     "foot_imu": ("position_m", "rotation_rad", "population"),
     "exo_imu": ("population",),
-    "body_imu": ("position_m", "rotation_rad", "population"),
+    "body_imu": ("position_m", "rotation_rad", "population", "strike"),
     "sonar": ("mount",),
 }
 """Attributes of a `SensorConfig` that only some groups have."""
@@ -458,6 +460,10 @@ def _sensors_of_groups(groups: BaseModel) -> Sensors:
 def _worn_places(places: BaseModel) -> SensorConfig:
     """The configuration of the IMUs on the body from what the file says of each place; others have none."""
     values = {name: getattr(places, name) for name in BODY_PLACES if name in places.model_fields_set}
+    for name, value in values.items():
+        if getattr(value, "strike", None) and body_of(name).startswith("foot_"):
+            valid = "0 on a shoe, whose upper vibrates with shock: true"
+            raise field_error(round(value.strike / G, 6), valid, name, "strike_g")
     return SensorConfig(
         places={
             name: _sensor_config(value) if isinstance(value, BaseModel) else SensorConfig()

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from stridetwin.sim import truth
+from stridetwin.sim.choices import BODY_PLACES
 from stridetwin.sim.composition import compose
 from stridetwin.sim.config import PHYSICS, SIDES, Dynamics, TwinConfig
 from stridetwin.sim.dynamics.drive import ControlLaw
@@ -36,6 +37,7 @@ from stridetwin.sim.sensors.standard_rig import foot_imu_position, sensor_rig
 from stridetwin.sim.sensors.suite import SensorSuite
 from stridetwin.sim.walk import GivenWalk
 from stridetwin.sim.wearer.body import compile_model
+from stridetwin.sim.wearer.imu_places import split_side
 from stridetwin.sim.world.bystanders import Crowd, plan_bystanders, pose_crowd
 from stridetwin.sim.world.light import LightCourse, plan_light
 from stridetwin.streams.errors import ConfigError
@@ -44,7 +46,7 @@ from stridetwin.streams.samples import Array, Block, Sample
 
 CHUNK_S = 2.0  # length of a chunk of samples
 _FILM_SMOOTHING_S = 0.6  # SD of the filter of the film camera's path
-_STEPS, _JOINT_TORQUE, _SHOE, _CROWD, _CASE, _MOUNT = range(6)  # streams of random numbers of a walk
+_STEPS, _JOINT_TORQUE, _SHOE, _CROWD, _CASE, _MOUNT, _BODY = range(7)  # streams of random numbers of a walk
 
 
 class Twin:
@@ -189,8 +191,29 @@ class Twin:
 
     @cached_property
     def mount_slips(self) -> MountSlips:
-        """Slips of the sensor mounts."""
-        return MountSlips.of(plan_faults(self.config.faults, self.rig, self.seed, self.duration_s), self.sensor_rig.rig)
+        """Slips of the sensor mounts, and their vibration after heel strikes."""
+        faults = plan_faults(self.config.faults, self.rig, self.seed, self.duration_s)
+        return replace(MountSlips.of(faults, self.sensor_rig.rig), strikes=self._struck_imus())
+
+    def _struck_imus(self) -> dict[str, UpperMotion]:
+        """Vibration of IMUs on segments of the body after heel strikes, by topic; empty for ideal sensors.
+
+        On legs the strikes of that leg reach a sensor, elsewhere those of both.
+        """
+        struck: dict[str, UpperMotion] = {}
+        for i, place in enumerate(BODY_PLACES):
+            mounted = self.sensor_rig.sensors.get(f"/body/{place}/imu")
+            if mounted is None or not mounted.sensor_config.strike or self.config.ideal:
+                continue
+            name, side = split_side(place)
+            feet = side if name in ("thigh", "shank") else SIDES
+            steps = sorted((step for foot in feet for step in self.walk.steps[foot]), key=lambda step: step.t_touch)
+            parameters = case_parameters(mounted.sensor_config.strike)
+            rng = self._rng(_BODY, i)
+            struck[mounted.calibration.topic] = UpperMotion.of(
+                steps, np.ones_like, np.ones_like, np.zeros(3), rng, parameters
+            )
+        return struck
 
     @cached_property
     def light(self) -> LightCourse:

@@ -86,7 +86,8 @@ class SensorConfig:
         population: Class of IMUs from which the errors of the part are drawn, once per walk; estimators get the figures
             of the nominal part all the same. None keeps the part's. IMUs only.
         clock: Clock of every sensor of the group.
-        strike: Residual error after heel strikes, m/s²; for the IMU beside the depth camera only.
+        strike: Acceleration of the case after heel strikes, m/s²; for the IMU beside the depth camera, and for IMUs on
+            the body off the shoes.
         light: Brightness of the scene relative to the camera's setting; cameras only.
         exposure_s: Exposure time in place of the camera's.
         calibration_sd: Accuracy of the nominal calibration; for the depth camera only.

@@ -129,6 +129,10 @@ def test_a_camera_may_be_off_its_imu_by_a_tenth_of_a_second(offset_s):
         ({"foot_imu": {"light": 1}}, ["sensors.foot_imu: invalid 'light'"]),
         ({"body_imu": {"shnk_l": True}}, ["sensors.body_imu: invalid 'shnk_l'", "did you mean 'shank_l'?"]),
         ({"body_imu": {"shank": {}}}, ["sensors.body_imu: invalid 'shank'", "expected keys pelvis, chest, head"]),
+        (
+            {"body_imu": {"heel_l": {"strike_g": 1}}},
+            ["sensors.body_imu.heel_l.strike_g: invalid 1", "0 on a shoe"],
+        ),
         ({"body_imu": 3}, ["sensors.body_imu: invalid 3", "true, false, or keys pelvis"]),
         ({"body_imu": {"thigh_l": "SRF08"}}, ["sensors.body_imu.thigh_l: invalid 'SRF08'", "of kind imu"]),
         (

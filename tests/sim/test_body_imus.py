@@ -196,3 +196,37 @@ def test_the_scene_has_a_site_and_the_wearer_a_flat_case_at_every_place() -> Non
     assert cases["/body/chest/imu"] == cases["/body/heel_l/imu"] == "imu_pod_front"
     assert cases["/body/thigh_r/imu"] == "imu_pod"
     assert cases["/body/instep_r/imu"] == "imu_pod_top"
+
+
+def test_heel_strikes_shake_the_imus_that_they_are_asked_to_and_their_truth() -> None:
+    route = Route(segments=(Level(length_m=2.0),))
+    soft, hard = SensorConfig(ideal=True), SensorConfig(ideal=True, strike=20.0)
+    base = replace(SHORT, route=route, sensors=("body_imu",))
+    found = []
+    for shank in (soft, hard):
+        places = {"shank_l": shank, "shank_r": soft, "pelvis": replace(shank, strike=shank.strike / 4)}
+        twin = Twin(replace(base, fittings={"body_imu": SensorConfig(places=places)}), 5)
+        found.append(read(twin))
+    before, after = found
+    touch = [step.t_touch for step in twin.walk.steps["l"] if np.isfinite(step.t_touch)]
+    shaken = {
+        place: np.linalg.norm(
+            after[f"/body/{place}/imu"].columns["specific_force"]
+            - before[f"/body/{place}/imu"].columns["specific_force"],
+            axis=1,
+        )
+        for place in ("shank_l", "shank_r", "pelvis")
+    }
+    t = before["/body/shank_l/imu"].t_ns * 1e-9
+    near = np.any([(t > first - 0.002) & (t < first + 0.06) for first in touch], axis=0)
+    assert 10.0 < shaken["shank_l"][near].max() < 60.0  # 20 m/s², more or less from strike to strike
+    assert shaken["shank_l"][near].max() > 3 * shaken["pelvis"].max() > 3.0  # which those of both feet reach
+    assert np.all(shaken["shank_l"][t < touch[0] - 0.01] == 0.0)
+    assert np.all(shaken["shank_r"] == 0.0)
+    # what is measured is the motion of the truth
+    position, attitude = end_errors(after, ["/body/shank_l/imu", "/body/pelvis/imu"])
+    assert position.max() < 2e-3
+    assert attitude.max() < 1e-6
+    moved = after["/truth/body/shank_l/imu/odometry"].columns["p_frame_in_world"]
+    still = before["/truth/body/shank_l/imu/odometry"].columns["p_frame_in_world"]
+    assert 0.5e-3 < np.linalg.norm(moved - still, axis=1).max() < 10e-3
