@@ -265,7 +265,7 @@ def _make_camera(
     Args:
         config: Scenario.
         group: Group of the camera.
-        imu_group: Group of the IMU to which its time shift refers.
+        imu_group: Group of the IMU to which its time shift refers; without it the camera has no IMU.
         place: Prefix of its topics, such as `head` or `foot_l`.
         mount: Its mount.
         depth: Whether it has depth.
@@ -286,7 +286,7 @@ def _make_camera(
         distortion_model=imager.distortion_model,
         distortion=imager.distortion,
         depth_topic=f"/{place}/depth" if depth else "",
-        imu_topic=f"/{place}/imu",
+        imu_topic=f"/{place}/imu" if imu_group in config.sensors else "",
         timeshift_cam_imu_s=timeshift_s,
         readout_s=part.imager.rolling_s,
     )
