@@ -75,3 +75,59 @@ def test_estimators_of_a_foot_score_at_every_place_on_the_shoe(tmp_path):
         assert 0.0 < row["scores"]["foot_ins.end_error_m"]["mean"] < 0.3, row
         assert row["scores"]["gait_phase.rmse_pct"]["mean"] < 25.0, row
     assert "body.png" in result["files"]  # with a dot at each place
+
+
+STRAPDOWN = '''"""Path of one shank by inertial navigation alone."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from stridetwin.estimators.base import PATH, Declaration, Stream
+from stridetwin.streams.samples import Imu
+from stridetwin.streams.trajectory import Pose
+
+
+class Shank:
+    """Starts at rest, where the force is vertical."""
+
+    declaration = Declaration(name="shank_path", kind=PATH, needs="/body/shank_l/imu", label="shank")
+
+    def __init__(self, rig, *, options=None, parameters=None):
+        self.last = None
+        self.p, self.v = np.zeros(3), np.zeros(3)
+
+    @classmethod
+    def streams(cls, rig, options):
+        return (Stream(role="imu", topic="/body/shank_l/imu", kind=Imu),)
+
+    def update(self, sample):
+        if self.last is None:
+            self.R = Rotation.align_vectors([[0.0, 0.0, 1.0]], [sample.specific_force])[0]
+        else:
+            dt = 1e-9 * (sample.t_ns - self.last)
+            turn = Rotation.from_rotvec(sample.angular_rate * dt / 2)
+            v = self.v + dt * ((self.R * turn).apply(sample.specific_force) - [0.0, 0.0, 9.81])
+            self.p, self.v, self.R = self.p + dt * (self.v + v) / 2, v, self.R * turn * turn
+        self.last = sample.t_ns
+        q = self.R.as_quat(scalar_first=True)
+        return Pose(t_ns=sample.t_ns, frame="body/shank_l/imu", p_frame_in_world=self.p.copy(), rotation=q)
+'''
+
+
+def test_an_installed_estimator_of_ones_own_scores_on_any_segment(tmp_path, monkeypatch):
+    site = tmp_path / "site"
+    info = site / "shank_path-1.0.dist-info"
+    info.mkdir(parents=True)
+    (site / "shank_path_estimator.py").write_text(STRAPDOWN, encoding="utf-8")
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: shank-path\nVersion: 1.0\n", encoding="utf-8")
+    points = "[stridetwin.estimators]\nshank_path = shank_path_estimator:Shank\n"
+    (info / "entry_points.txt").write_text(points, encoding="utf-8")
+    monkeypatch.syspath_prepend(str(site))
+    free = {"sensors.body_imu.shank_l.part": {"choice": ["ADIS16485-ideal", "MPU-9250-wearable"]}}
+    shank = {"sensors.body_imu": {"fixed": {"shank_l": "ADIS16485"}}}
+    problem = read(tmp_path, free=free, set=shank, scores=["shank_path.end_error_m"])
+    result = run_placement(problem, PlacementOptions(folder=tmp_path / "out"), lambda *_: None)
+    errors = {row["label"]: row["scores"]["shank_path.end_error_m"]["mean"] for row in result["table"]}
+    part = "body_imu.shank_l.part"
+    assert errors[f"{part} ADIS16485-ideal"] < 0.05
+    assert errors[f"{part} MPU-9250-wearable"] > 5 * errors[f"{part} ADIS16485-ideal"]
