@@ -86,7 +86,7 @@ def _add_things(config: TwinConfig, rng: np.random.Generator) -> TwinConfig:
         )
         route = replace(config.route, things=(*config.route.things, thing))
         try:
-            obstacles.check_things(route.things, lay_out(route))
+            obstacles.check_things(route.things, lay_out(route), route.width_m)
         except ConfigError:
             continue
         config = replace(config, route=route)

@@ -2,8 +2,8 @@
 
 `python -m benchmarks.realism [--json]`. The real feet are those of `dual_foot_walk` (both shoes, 204.8 Hz, 16 g), found
 by `benchmarks.real_walks`. The twin walks `level_20m` six times at their speed, with a cheap part of the same rate and
-range at the same place, the instep. Both are evaluated in the same way; a figure of the twin is realistic if it is
-0.5-2 times the real one.
+range at the same place: beside the ankle, where the samples fit the motion of the recorded feet's markers best. Both
+are evaluated in the same way; a figure of the twin is realistic if it is 0.5-2 times the real one.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 
 from benchmarks.command import answer, command
 from benchmarks.foot_ins_twin import join_blocks
+from benchmarks.people_feet import BESIDE_ANKLE_M
 from benchmarks.real_walks import data_folder, load_markers
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import Gait
@@ -29,7 +30,6 @@ from stridetwin.streams.samples import Array, Block, Imu
 
 SEEDS = range(1000, 1006)
 SPEED_MPS = 1.3  # of the recorded strides
-INSTEP_M = (0.110, 0.0, 0.085)  # approximate place of the recorded sensors, clipped to the laces
 STILL_RADPS, STILL_S = 0.6, 0.10  # stance: the mean rate over this time stays below
 STRIDE_S = 1.2
 ABOVE_HZ = 20.0
@@ -93,7 +93,7 @@ def twin_feet(imu: ImuPart) -> list[Block[Imu]]:
         load_scenario("level_20m").config,
         gait=Gait(speed_mps=SPEED_MPS),
         sensors=("foot_imu",),
-        fittings={"foot_imu": SensorConfig(part=imu, position_m=INSTEP_M)},
+        fittings={"foot_imu": SensorConfig(part=imu, position_m=BESIDE_ANKLE_M)},
     )
     feet = []
     for seed in SEEDS:

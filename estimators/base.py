@@ -243,4 +243,16 @@ class PathEstimate:
     write_calibration: Callable[[Path], None] | None = None
 
 
+def foot_imu_topic(rig: Rig | None, foot: str) -> str:
+    """Topic of the IMU on a foot: `/foot_l/imu`, or that of another one that the rig has on the foot.
+
+    Args:
+        rig: The calibration; None for an unknown one.
+        foot: `l` or `r`.
+    """
+    standard = f"/foot_{foot}/imu"
+    on_foot = [] if rig is None else [t for t, imu in rig.imus.items() if imu.mount.body == f"foot_{foot}"]
+    return standard if standard in on_foot or not on_foot else on_foot[0]
+
+
 POSE_STREAM = Stream(role="poses", topic=POSES, kind=Odometry)

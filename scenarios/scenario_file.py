@@ -24,7 +24,7 @@ SENSORS: tuple[str, ...] = TwinConfig.sensors
 CAMERAS = ("foot_camera", "head_camera")
 """Groups of sensors with images."""
 # keys of a file that are fields of the route, and of the configuration
-_OF_ROUTE = ("width_m", "scenery", "texture", "light", "bystanders", "things")
+_OF_ROUTE = ("width_m", "scenery", "texture", "light", "light_changes", "bystanders", "things")
 _OF_CONFIG = ("person", "exo", "gait", "physics", "dynamics", "rig_mount", "ideal", "shock", "faults", "site")
 
 
@@ -155,7 +155,7 @@ def _check_things(path: Path, route: Route) -> None:
     from stridetwin.sim.world.obstacles import check_things  # compiled functions, so imported when it is needed
 
     try:
-        check_things(route.things, lay_out(route))
+        check_things(route.things, lay_out(route), route.width_m)
     except ConfigError as error:
         raise ConfigError(path, error.field.replace("segments", "terrain"), error.value, error.valid) from error
 

@@ -24,13 +24,14 @@ from pydantic import (
     create_model,
 )
 
-from stridetwin.sim.choices import part_files
+from stridetwin.sim.choices import BODY_PLACES, part_files
 from stridetwin.sim.config import (
     DIRECTIONS,
     DRIVES,
     LIGHT_RANGE,
     MAX_BYSTANDERS,
     MAX_LANES,
+    OPENING_M,
     PATTERNS,
     PHYSICS,
     SCENERIES,
@@ -41,6 +42,7 @@ from stridetwin.sim.config import (
     Gait,
     Lanes,
     Level,
+    LightChange,
     Motion,
     Person,
     Ramp,
@@ -54,15 +56,18 @@ from stridetwin.sim.config import (
 from stridetwin.sim.faults.catalogue import FAULTS
 from stridetwin.sim.faults.faults import Fault, TimedFault
 from stridetwin.sim.motion.marker_sets import MARKED_BODIES, MARKER_SETS
+from stridetwin.sim.parts.figure import G
 from stridetwin.sim.parts.kinds import Part
 from stridetwin.sim.parts.library import IDEAL, kind_of, load_part, read_part
 from stridetwin.sim.parts.sensor_config import KIND, Clock, Facing, Seat, SensorConfig
 from stridetwin.sim.people import PEOPLE
 from stridetwin.sim.wearer.exoskeleton import JOINTS, modules
+from stridetwin.sim.wearer.imu_places import body_of
 from stridetwin.sim.world.mesh_terrain import MeshWay
 from stridetwin.streams.errors import ConfigError, Missing, StrideTwinError
 from stridetwin.streams.fields import (
     DEG,
+    MILLIMETRES,
     MM,
     FileModel,
     InputFile,
@@ -240,9 +245,28 @@ class _Place(FileModel):
     left_m: Annotated[Number, Field(ge=-10, le=10)] = 0.0
 
 
-_Thing = OneKey(
-    {kind: _Place for kind in THINGS}, lambda kind, place: Thing(kind=kind, at_m=place.at_m, left_m=place.left_m)
-)
+def _check_change(change: LightChange) -> LightChange:
+    """Returns a change of the light; refuses one whose beginning is not clear."""
+    keys = [key for key in ("at_s", "at_m") if getattr(change, key) is not None]
+    if len(keys) != 1:
+        raise field_error(keys, "either at_s or at_m")
+    return change
+
+
+class _Door(_Place):
+    """A door frame on the route, in a wall across it.
+
+    Attributes:
+        at_m: Distance of its near side along the route, from the world's origin.
+        left_m: Offset of the opening's middle to the left of the route.
+        opening_m: Clear width of the opening.
+    """
+
+    opening_m: Annotated[Number, Field(ge=0.8, le=2.5)] = OPENING_M
+
+
+_THING_KEYS: dict[str, type[_Place]] = {kind: _Door if kind == "door" else _Place for kind in THINGS}
+_Thing = OneKey(_THING_KEYS, lambda kind, place: Thing(kind=kind, **dict(place)))
 
 
 def _check_times(fault: Fault) -> Fault:
@@ -276,6 +300,7 @@ _OPTIONS = {
     "head_imu": ("strike", "population"),
     "foot_imu": ("position_m", "rotation_rad", "population"),
     "exo_imu": ("population",),
+    "body_imu": ("position_m", "rotation_rad", "population", "strike"),
     "sonar": ("mount",),
 }
 """Attributes of a `SensorConfig` that only some groups have."""
@@ -285,8 +310,10 @@ _HIGHEST_ON_SHOE_M = 0.15
 """Height of the upper of a high shoe above its sole."""
 _ON_SHOE = (
     f"up to {_HIGHEST_ON_SHOE_M / MM:g}, as foot_imu is fixed to the shoe and turns with the foot; an IMU on the shank "
-    "is imus.shank_l in the rig file of an exoskeleton of your own"
+    "is sensors.body_imu.shank_l"
 )
+_OnSegment = Annotated[Number, Field(ge=-600, le=600), MILLIMETRES]
+"""Coordinate on a segment of the body, which is longer than a shoe: mm in files, m here."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -378,6 +405,8 @@ def _group_type(group: str) -> Any:
     hints["mount"] = hints["board"] if group == "sonar" else Seat
     position = hints["position_m"]
     hints["position_m"] = Annotated[position, AfterValidator(_check_on_shoe)]
+    if group == "body_imu":
+        hints["position_m"] = Annotated[tuple[_OnSegment, _OnSegment, _OnSegment], Field(alias="position_mm")]
     # None stands for an option that the file does not give
     names = (*_COMMON_OPTIONS, *_OPTIONS.get(group, ()))
     fields: dict[str, Any] = {
@@ -420,11 +449,43 @@ def _sensors_of_groups(groups: BaseModel) -> Sensors:
     return Sensors(
         groups=tuple(g for g in KIND if values.get(g, g in TwinConfig.sensors) is not False),
         paths={name: f"sensors.{name}" for name, value in values.items() if value is not False},
-        configs={name: _sensor_config(value) for name, value in values.items() if isinstance(value, BaseModel)},
+        configs={
+            name: value if isinstance(value, SensorConfig) else _sensor_config(value)
+            for name, value in values.items()
+            if not isinstance(value, bool)
+        },
     )
 
 
-_group_fields: dict[str, Any] = {group: (_group_type(group), None) for group in KIND}
+def _worn_places(places: BaseModel) -> SensorConfig:
+    """The configuration of the IMUs on the body from what the file says of each place; others have none."""
+    values = {name: getattr(places, name) for name in BODY_PLACES if name in places.model_fields_set}
+    for name, value in values.items():
+        if getattr(value, "strike", None) and body_of(name).startswith("foot_"):
+            valid = "0 on a shoe, whose upper vibrates with shock: true"
+            raise field_error(round(value.strike / G, 6), valid, name, "strike_g")
+    return SensorConfig(
+        places={
+            name: _sensor_config(value) if isinstance(value, BaseModel) else SensorConfig()
+            for name, value in values.items()
+            if value is not False
+        }
+    )
+
+
+_place_type = _group_type("body_imu")
+_place_fields: dict[str, Any] = {place: (_place_type, None) for place in BODY_PLACES}
+_Places: Any = create_model("BodyImus", __base__=FileModel, **_place_fields)
+_Places.__doc__ = "IMUs on the body by place; places that are not named have none.\n\nAttributes:\n" + "".join(
+    f"    {place}: IMU there: on, the name of its part, or its options.\n" for place in BODY_PLACES
+)
+_BodyImus = Annotated[
+    Annotated[StrictBool, Tag("=switch")] | Annotated[_Places, AfterValidator(_worn_places), Tag("=places")],
+    Discriminator(lambda node: "=switch" if isinstance(node, bool) else "=places"),
+]
+_group_fields: dict[str, Any] = {
+    group: (_BodyImus if group == "body_imu" else _group_type(group), None) for group in KIND
+}
 _Groups: Any = create_model("Sensors", __base__=FileModel, **_group_fields)
 _Names = Annotated[
     tuple[Annotated[str, OneOf(tuple(KIND))], ...], AfterValidator(check_unique), AfterValidator(_sensors_of_names)
@@ -489,6 +550,7 @@ class ScenarioFile(FileModel):
         exo: The exoskeleton; `none` for a person without one.
         texture: Amount of visual detail on ground and walls.
         light: Brightness of sun and sky; 1 is daylight.
+        light_changes: Changes of the light during the walk, each at a time or at a place of the way.
         bystanders: Number of other people who walk around.
         things: Objects on the route, beside it or at its end.
         gait: Speed, style and variability of the walk.
@@ -511,6 +573,9 @@ class ScenarioFile(FileModel):
     exo: _ExoInFile = Exo()
     texture: Annotated[str, OneOf(TEXTURES)] = "rich"
     light: Annotated[Number, Field(ge=LIGHT_RANGE[0], le=LIGHT_RANGE[1])] = 1.0
+    light_changes: Annotated[
+        tuple[Annotated[LightChange, AfterValidator(_check_change)], ...], Field(min_length=1, max_length=50)
+    ] = ()
     bystanders: Annotated[StrictInt, Field(ge=0, le=MAX_BYSTANDERS)] = 0
     things: Annotated[tuple[Annotated[Any, _Thing], ...], Field(min_length=1)] = ()
     gait: Annotated[Gait, BeforeValidator(_fill_pattern)] = Gait()

@@ -19,13 +19,17 @@ _GROUPS = {
     "actuator": ("actuator", "actuation-module"),
     "head_imu": ("imu", "BMI055"),
     "head_camera": ("rgbd", "D455"),
+    "body_imu": ("imu", "MPU-9250-wearable"),
 }
 KIND = {group: kind for group, (kind, _) in _GROUPS.items()}
 """The kind of part that each group uses."""
 STANDARD = {group: name for group, (_, name) in _GROUPS.items()}
 """The default part of each group; the back's AHRS is `STANDARD_BACK_AHRS`."""
-DEFAULT_SENSORS = tuple(group for group in KIND if group != "exo_imu")
+DEFAULT_SENSORS = tuple(group for group in KIND if group not in ("exo_imu", "body_imu"))
 """The groups that are on unless a scenario says otherwise."""
+_SIDED_PLACES = ("upper_arm", "wrist", "hand", "thigh", "shank", "instep", "heel", "ankle")
+BODY_PLACES = ("pelvis", "chest", "head", *(f"{place}_{side}" for place in _SIDED_PLACES for side in "lr"))
+"""Places of the group `body_imu`; `wearer.imu_places` knows where they are."""
 FAULT_NAMES = (
     "dropout",
     "freeze",

@@ -33,7 +33,8 @@ SCENERIES = ("outdoor", "room", "corridor")
 TEXTURES = ("rich", "plain", "white")
 LIGHT_RANGE = (0.2, 1.4)
 MAX_BYSTANDERS = 4
-THINGS = ("stripe", "shadow", "mat", "table", "chair", "crate", "wall", "glass")
+THINGS = ("stripe", "shadow", "mat", "table", "chair", "crate", "wall", "glass", "door")
+OPENING_M = 0.90  # of a door, clear width
 
 
 DRIVES = ("idle", "assist")
@@ -165,14 +166,34 @@ class Thing:
 
     Attributes:
         kind: Flat across the way are `stripe`, a hazard marking, `shadow`, and `mat`, black and without depth; upright
-            are `table`, `chair`, `crate`, as high as a step, `wall`, and `glass`, a pane that cameras look through.
+            are `table`, `chair`, `crate`, as high as a step, `wall`, and `glass`, a pane that cameras look through; a
+            `door` is a wall across the way with an opening in a frame, through which the walker goes.
         at_m: Where it begins along the way, from the world's origin.
         left_m: Distance of its middle to the left of the way.
+        opening_m: Clear width of a door.
     """
 
     kind: str
     at_m: float
     left_m: float = 0.0
+    opening_m: float = OPENING_M
+
+
+@dataclass(frozen=True, kw_only=True)
+class LightChange:
+    """A change of sun and sky, or of the lamps of a building, during the walk.
+
+    Attributes:
+        to: Brightness afterwards; 1 is daylight.
+        at_s: Time at which it begins.
+        at_m: Arc length along the way at which it begins, in place of a time: as the walker gets there.
+        over_s: How long it takes.
+    """
+
+    to: Annotated[Number, Field(ge=0.002, le=LIGHT_RANGE[1])]
+    at_s: Annotated[Number | None, Field(ge=0, le=3600)] = None
+    at_m: Annotated[Number | None, Field(ge=0, le=2000)] = None
+    over_s: Annotated[Number, Field(ge=0, le=600)] = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -185,6 +206,7 @@ class Route:
         scenery: Surroundings: `outdoor`, `room` or `corridor`.
         texture: Visual texture of ground and walls: `rich`, `plain` or bare `white`.
         light: Brightness of sun and sky; 1 is daylight.
+        light_changes: Changes of the light during the walk.
         bystanders: Number of people who walk about, 0-4.
         things: Objects on the way, beside it or at its end.
     """
@@ -194,6 +216,7 @@ class Route:
     scenery: str = "outdoor"
     texture: str = "rich"
     light: float = 1.0
+    light_changes: tuple[LightChange, ...] = ()
     bystanders: int = 0
     things: tuple[Thing, ...] = ()
 
@@ -389,7 +412,8 @@ class TwinConfig:
         gait: How the person walks.
         physics: `kinematic`, a walk exactly as planned, or `dynamic`, its forward simulation.
         sensors: Groups of sensors that are on: foot_imu, foot_camera, sonar, insole, ahrs, encoder, interaction,
-            actuator, head_imu, head_camera; and exo_imu, off by default: the AHRSs' inertial sensors.
+            actuator, head_imu, head_camera; and, off by default, exo_imu, the AHRSs' inertial sensors, and body_imu,
+            IMUs on segments of the body.
         fittings: Groups whose part, rate or clock differs from the standard.
         rig_mount: `head` or `chest`: where the RGB-D camera sits.
         ideal: Noise-free sensors on rigid shoes.

@@ -59,7 +59,9 @@ class LiveTwin:
         self._suite = SensorSuite(
             twin.sensor_rig, twin.terrain, twin.crowd, twin.seed, gravity_mps2=config.gravity_mps2
         )
-        self._cameras = CameraProcesses(twin.model, twin.sensor_rig, twin.crowd, twin.seed, processes=1)
+        self._cameras = CameraProcesses(
+            twin.model, twin.sensor_rig, twin.crowd, twin.seed, processes=1, light=twin.light
+        )
         self._latency_s = max(LATENCY_S, self._suite.latency_s + MARGIN_S)
         # Hz, rates at which the motion of the whole body is needed: sensors, cameras and ground truth
         self._rates = self._suite.rates | {c.rate_hz for c in twin.rig.cameras.values()} | {truth.RATE_HZ}

@@ -101,7 +101,7 @@ class Motion:
     Attributes:
         t_ns: (N,) increasing.
         qpos: (N, nq) in MuJoCo's layout.
-        tracks: Track by body name (`body.bodies_to_track`).
+        tracks: Track by body name: `body.bodies_to_track`, and the bodies that carry other sensors.
         uppers: Track of the shoe's upper by name of the foot; empty for rigid shoes. If heel strikes reach a sensor
             case further up, also the track of that case, by name of its body.
         angle: (N,) rad by hinge name.
@@ -170,12 +170,20 @@ class Player(Generic[AnyWalk]):
     Args:
         model: Compiled model of the wearer on the terrain.
         walk: Motion to play.
-        uppers: Motion of the shoes' uppers, by name of the foot.
+        uppers: Motion of the shoes' uppers, by name of the foot; None for rigid shoes.
+        carriers: Bodies that carry sensors, whose tracks `motion` has beside those of `bodies_to_track`.
     """
 
-    def __init__(self, model: mujoco.MjModel, walk: AnyWalk, uppers: Mapping[str, UpperMotion] | None = None) -> None:
-        """Prepares tree and couplings; `uppers` has the motion of shoes' uppers by name of the foot, None for none."""
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        walk: AnyWalk,
+        uppers: Mapping[str, UpperMotion] | None = None,
+        carriers: Iterable[str] = (),
+    ) -> None:
+        """Prepares the tree and the couplings."""
         self._model, self._walk, self._uppers = model, walk, uppers or {}
+        self._bodies = tuple(dict.fromkeys([*bodies_to_track(walk.size), *carriers]))
         self._tree = Tree.of(model)
         self._couplings = exo_couplings(walk.size)
         # instants, positions and velocities of the last call of `track`: both feet ask for the same ones
@@ -187,7 +195,7 @@ class Player(Generic[AnyWalk]):
         q, v = walk.position_velocity(t_ns * 1e-9)
         # layout of the coordinates, and the names of the hinges, which come after the six coordinates of the root
         names, layout = walk.coordinates.names[6:], walk.coordinates
-        tracks = self._tracks(bodies_to_track(walk.size), self._tree, t_ns, q, v)
+        tracks = self._tracks(self._bodies, self._tree, t_ns, q, v)
         cuffs = [c for c in self._couplings if not c.name.startswith("heel")]  # a heel's coupling is no cuff
         return Motion(
             t_ns=t_ns,

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from stridetwin.sim import truth
+from stridetwin.sim.choices import BODY_PLACES
 from stridetwin.sim.composition import compose
 from stridetwin.sim.config import PHYSICS, SIDES, Dynamics, TwinConfig
 from stridetwin.sim.dynamics.drive import ControlLaw
@@ -36,14 +37,16 @@ from stridetwin.sim.sensors.standard_rig import foot_imu_position, sensor_rig
 from stridetwin.sim.sensors.suite import SensorSuite
 from stridetwin.sim.walk import GivenWalk
 from stridetwin.sim.wearer.body import compile_model
+from stridetwin.sim.wearer.imu_places import split_side
 from stridetwin.sim.world.bystanders import Crowd, plan_bystanders, pose_crowd
+from stridetwin.sim.world.light import LightCourse, plan_light
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Block, Sample
 
 CHUNK_S = 2.0  # length of a chunk of samples
 _FILM_SMOOTHING_S = 0.6  # SD of the filter of the film camera's path
-_STEPS, _JOINT_TORQUE, _SHOE, _CROWD, _CASE, _MOUNT = range(6)  # streams of random numbers of a walk
+_STEPS, _JOINT_TORQUE, _SHOE, _CROWD, _CASE, _MOUNT, _BODY = range(7)  # streams of random numbers of a walk
 
 
 class Twin:
@@ -188,8 +191,34 @@ class Twin:
 
     @cached_property
     def mount_slips(self) -> MountSlips:
-        """Slips of the sensor mounts."""
-        return MountSlips.of(plan_faults(self.config.faults, self.rig, self.seed, self.duration_s), self.sensor_rig.rig)
+        """Slips of the sensor mounts, and their vibration after heel strikes."""
+        faults = plan_faults(self.config.faults, self.rig, self.seed, self.duration_s)
+        return replace(MountSlips.of(faults, self.sensor_rig.rig), strikes=self._struck_imus())
+
+    def _struck_imus(self) -> dict[str, UpperMotion]:
+        """Vibration of IMUs on segments of the body after heel strikes, by topic; empty for ideal sensors.
+
+        On legs the strikes of that leg reach a sensor, elsewhere those of both.
+        """
+        struck: dict[str, UpperMotion] = {}
+        for i, place in enumerate(BODY_PLACES):
+            mounted = self.sensor_rig.sensors.get(f"/body/{place}/imu")
+            if mounted is None or not mounted.sensor_config.strike or self.config.ideal:
+                continue
+            name, side = split_side(place)
+            feet = side if name in ("thigh", "shank") else SIDES
+            steps = sorted((step for foot in feet for step in self.walk.steps[foot]), key=lambda step: step.t_touch)
+            parameters = case_parameters(mounted.sensor_config.strike)
+            rng = self._rng(_BODY, i)
+            struck[mounted.calibration.topic] = UpperMotion.of(
+                steps, np.ones_like, np.ones_like, np.zeros(3), rng, parameters
+            )
+        return struck
+
+    @cached_property
+    def light(self) -> LightCourse:
+        """Course of the light; a change at a place begins when the given motion gets there."""
+        return plan_light(self.config.route, self.given_walk.duration_s, self.given_walk.progress)
 
     @property
     def fell_at(self) -> float | None:
@@ -210,9 +239,10 @@ class Twin:
             uppers: Vibration of shoes' uppers and of the camera's case relative to their bodies, by name of the body;
                 empty for rigid ones.
         """
+        carriers = [imu.mount.body for imu in self.sensor_rig.rig.imus.values()]
         if isinstance(self.walk, SimulatedWalk):
-            return Replay(self.model, self.walk, uppers)
-        return Playback(self.model, self.walk, uppers)
+            return Replay(self.model, self.walk, uppers, carriers)
+        return Playback(self.model, self.walk, uppers, carriers)
 
     @cached_property
     def _uppers(self) -> dict[str, UpperMotion]:
@@ -268,7 +298,9 @@ class Twin:
         )
         end_ns = int(self.duration_s * 1e9)
         rates = suite.rates | {c.rate_hz for c in self.rig.cameras.values()} | {truth.RATE_HZ}
-        with CameraProcesses(self.model, self.sensor_rig, self.crowd, self.seed, self.mount_slips) as rendering:
+        with CameraProcesses(
+            self.model, self.sensor_rig, self.crowd, self.seed, self.mount_slips, light=self.light
+        ) as rendering:
             after_ns = -1  # so that the first chunk includes the instant 0
             images: Iterator[Sample] = iter(())  # of the chunk before, rendered by other processes in the meantime
             while after_ns < end_ns:
@@ -322,4 +354,7 @@ class Twin:
                 # the camera looks at a point 0.3 m ahead of the walker, 0.1 m below the pelvis, from the side: 68° off
                 # the heading, 9° down, and 3.2 m away
                 centre = [x[i] + 0.30 * np.cos(heading[i]), y[i] + 0.30 * np.sin(heading[i]), pose[2] - 0.10]
-                yield t, camera.frame(data, centre, 68.0 + np.degrees(heading[i]), -9.0, 3.2)
+                image = camera.frame(data, centre, 68.0 + np.degrees(heading[i]), -9.0, 3.2)
+                if (brightness := self.light.factor(round(t * 1e9))) != 1.0:
+                    image = np.clip(image * brightness, 0, 255).astype(np.uint8)
+                yield t, image

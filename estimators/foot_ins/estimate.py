@@ -209,7 +209,14 @@ class FootInsPath:
         return np.asarray((t_ns - last) * 1e-9)
 
     def estimate(
-        self, recording: Recording, name: str, foot: str, label: str, nis: Mapping[str, float], world: str = ""
+        self,
+        recording: Recording,
+        name: str,
+        foot: str,
+        label: str,
+        nis: Mapping[str, float],
+        world: str = "",
+        topic: str = "",
     ) -> PathEstimate:
         """The path of the IMU on `foot` as an estimate.
 
@@ -220,11 +227,12 @@ class FootInsPath:
             label: Label of the estimate.
             nis: Mean normalised innovation squared by kind of update.
             world: Frame of the world.
+            topic: Topic of the IMU; "" stands for that of a shoe's.
 
         Raises:
             RecordingError: The vertical was never found.
         """
-        frame = f"foot_{foot}/imu"
+        frame = topic.removeprefix("/") or f"foot_{foot}/imu"
         if not self.aligned.any():  # no alignment has ended
             raise RecordingError(f"{recording.path}: /{frame}: the foot never stands still")
         reliable = self.reliable

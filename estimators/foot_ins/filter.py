@@ -9,7 +9,16 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.estimators.base import PATH, PROPOSED, Declaration, Options, PathEstimate, Progress, Stream
+from stridetwin.estimators.base import (
+    PATH,
+    PROPOSED,
+    Declaration,
+    Options,
+    PathEstimate,
+    Progress,
+    Stream,
+    foot_imu_topic,
+)
 from stridetwin.estimators.foot_ins import delay, published
 from stridetwin.estimators.foot_ins.estimate import NO_STANCE, FootInsEstimate, FootInsPath, StartPose, nis_by_kind
 from stridetwin.estimators.foot_ins.learnt import LearntCalibration, read_learnt, write_learnt
@@ -79,7 +88,7 @@ class FootIns:
             raise ConfigError("FootIns", "method", options.method, ", ".join(METHODS))
         if detector is None and options.method != PROPOSED:
             detector = ZeroVelocityDetector(method=options.method)
-        calibration = None if rig is None else rig.imu(_topic(options))
+        calibration = None if rig is None else rig.imu(foot_imu_topic(rig, options.foot))
         self._frame = "" if calibration is None else calibration.topic.removeprefix("/")
         self._parameters = for_sensor(parameters or FootInsParameters(), calibration)
         # of a published method; None for the filter described here
@@ -101,8 +110,8 @@ class FootIns:
 
     @classmethod
     def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
-        """The IMU on the foot `options.foot` (`l` or `r`), whatever the rig is."""
-        return (Stream(role="imu", topic=_topic(options), kind=Imu),)
+        """The IMU on the foot `options.foot` (`l` or `r`)."""
+        return (Stream(role="imu", topic=foot_imu_topic(rig, options.foot), kind=Imu),)
 
     @classmethod
     def follow(
@@ -119,12 +128,12 @@ class FootIns:
         Raises:
             StrideTwinError: The topic or the calibration is missing, or the foot is never stationary.
         """
-        topic = _topic(options)
+        topic = foot_imu_topic(recording.rig if recording.has_rig else None, options.foot)
         block = recording.block(topic).as_kind(Imu)
         estimator = cls.batch(recording.rig, options, parameters)
         path = estimator.run(block)
         label = ""  # figures call the path "left" or "right" alone
-        estimate = path.estimate(recording, cls.declaration.name, options.foot, label, estimator.nis)
+        estimate = path.estimate(recording, cls.declaration.name, options.foot, label, estimator.nis, topic=topic)
         return [replace(estimate, write_calibration=partial(write_learnt, estimator.learnt))]
 
     @classmethod
@@ -161,7 +170,7 @@ class FootIns:
             return cls(rig, parameters, options=options)
         if options.method != PROPOSED:
             raise ConfigError("FootIns", "method", options.method, f"{PROPOSED}, for a path that is smoothed")
-        calibration = None if rig is None else rig.imu(_topic(options))
+        calibration = None if rig is None else rig.imu(foot_imu_topic(rig, options.foot))
         return FootInsSmoother(options.lag_s, calibration, parameters, learnt=_recall(options, calibration))
 
     def update(self, sample: Imu) -> FootInsEstimate | None:
@@ -242,8 +251,3 @@ def _recall(options: Options, calibration: ImuCalibration | None) -> LearntCalib
     if calibration is not None:
         learnt.check_sensor(str(options.calibration_from), calibration.part, calibration.rate_hz)
     return learnt
-
-
-def _topic(options: Options) -> str:
-    """Topic of the IMU on the options' foot."""
-    return f"/foot_{options.foot}/imu"

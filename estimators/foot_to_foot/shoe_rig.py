@@ -206,12 +206,14 @@ def side_by_side_start(shoes: Shoes) -> dict[str, StartPose]:
 
 
 def _find_on_foot(parts: Iterable[M], foot: str, kind: str) -> M | None:
-    """The part of one kind that is mounted on a foot; None if there is none.
+    """The part of one kind that is mounted on a foot; None if there is none. Among several IMUs it is the shoe's.
 
     Raises:
         StrideTwinError: There are two or more.
     """
     mounted = [p for p in parts if p.mount.body == f"foot_{foot}"]
+    if len(mounted) > 1:  # IMUs on the body may be worn on a shoe, too
+        mounted = [p for p in mounted if getattr(p, "topic", "") == f"/foot_{foot}/imu"] or mounted
     if len(mounted) > 1:
         raise StrideTwinError(f"foot_{foot} carries {len(mounted)} {kind}s; one is what the filter of two feet takes")
     return mounted[0] if mounted else None

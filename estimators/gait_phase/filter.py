@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from stridetwin.estimators.base import FOOT_NAMES, Declaration, Options, Stream
+from stridetwin.estimators.base import FOOT_NAMES, Declaration, Options, Stream, foot_imu_topic
 from stridetwin.estimators.gait_phase.contact import ContactDetector
 from stridetwin.estimators.gait_phase.estimate import UNKNOWN_PHASE_SD, PhaseEstimate
 from stridetwin.estimators.gait_phase.parameters import GaitPhaseParameters
@@ -53,7 +53,7 @@ class GaitPhase:
         options = options or Options()
         if options.foot not in FOOT_NAMES:
             raise ConfigError("GaitPhase", "foot", options.foot, ", ".join(FOOT_NAMES))
-        imu = rig.imu(_topic(options))
+        imu = rig.imu(foot_imu_topic(rig, options.foot))
         # (3,) the foot's y axis, left, in sensor axes
         self._left_in_sensor = tuple(float(v) for v in imu.mount.T_body_sensor[1, :3])
         self._parameters = parameters or GaitPhaseParameters()
@@ -63,8 +63,8 @@ class GaitPhase:
 
     @classmethod
     def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
-        """The IMU on the foot `options.foot` (`l` or `r`), whatever the rig is."""
-        return (Stream(role="imu", topic=_topic(options), kind=Imu),)
+        """The IMU on the foot `options.foot` (`l` or `r`)."""
+        return (Stream(role="imu", topic=foot_imu_topic(rig, options.foot), kind=Imu),)
 
     def update(self, sample: Imu) -> PhaseEstimate | None:
         """Takes one sample; returns the new estimate, or None if the sample is left out.
@@ -102,8 +102,3 @@ class GaitPhase:
 def _is_possible(rate: list[float], force: list[float]) -> bool:
     """Whether a sensor on a foot can have measured this; False for NaN."""
     return all(abs(r) <= _MAX_RATE_RADPS for r in rate) and all(abs(f) <= _MAX_FORCE_MPS2 for f in force)
-
-
-def _topic(options: Options) -> str:
-    """Topic of the IMU on the options' foot."""
-    return f"/foot_{options.foot}/imu"

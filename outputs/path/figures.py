@@ -21,8 +21,9 @@ _OTHERS = {"l": PALETTE[2::3], "r": PALETTE[5::-1], "camera": PALETTE[4:]}  # of
 
 
 def part_of(estimate: PathEstimate) -> str:
-    """What a path is of: the foot `l` or `r`, as its frame says, such as `foot_l/imu`; else the `camera`."""
-    return next((foot for foot in FOOT_NAMES if estimate.frame.startswith(f"foot_{foot}/")), "camera")
+    """What a path is of: the side `l` or `r`, as in the frames `foot_l/imu` or `body/heel_l/imu`; else the `camera`."""
+    names = estimate.frame.split("/")
+    return next((foot for foot in FOOT_NAMES if any(name.endswith(f"_{foot}") for name in names)), "camera")
 
 
 def label_of(estimate: PathEstimate) -> str:

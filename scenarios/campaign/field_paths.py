@@ -8,11 +8,15 @@ from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
 
-from stridetwin.sim.config import TwinConfig
+from stridetwin.scenarios.scenario_model import ScenarioFile
+from stridetwin.sim.choices import BODY_PLACES
+from stridetwin.sim.config import Person, TwinConfig
 from stridetwin.sim.parts.sensor_config import KIND, Seat
 from stridetwin.sim.sensors.standard_rig import FOOT_BOARD, FOOT_CAMERA, FOOT_IMU, RGBD_MOUNT, RGBD_PITCH_RAD, SONAR
-from stridetwin.streams.errors import FieldLocation
+from stridetwin.sim.wearer.imu_places import default_position
+from stridetwin.streams.errors import FieldLocation, StrideTwinError
 from stridetwin.streams.fields import DEG, MM
+from stridetwin.streams.validation import validate
 
 # one step of a path: a key, and the indices of list items after it
 _STEP = re.compile(r"([a-z][a-z0-9_]*)((?:\[\d{1,4}\])*)")
@@ -64,13 +68,15 @@ def set_value(scenario: PlainScenario, path: FieldPath, value: object, where: Fi
         ConfigError: A node on the way has no such place.
     """
     node: Any = scenario  # a mapping or a list, as the key says
+    # below `sensors` (depth 0) there may be a list of groups, below the name of a group (depth 1) its short form, and
+    # below `body_imu` that of a place (depth 2)
+    short_forms = (1 + (path.keys[1:2] == ("body_imu",))) if path.keys[0] == "sensors" else -1
     for depth, key in enumerate(path.keys[:-1]):
         _check_place(node, path, depth, where)
         if isinstance(key, str) and key not in node:
             node[key] = _standard_mount(scenario, path.keys[: depth + 1])
-        # below `sensors` (depth 0) there may be a list of groups, below the name of a group (depth 1) its short form
-        if path.keys[0] == "sensors" and depth < 2:
-            node[key] = _expand_short_form(node[key], of_group=depth == 1)
+        if depth <= short_forms:
+            node[key] = _expand_short_form(node[key], path.keys[: depth + 1])
         node = node[key]
     _check_place(node, path, len(path.keys) - 1, where)
     node[path.keys[-1]] = value
@@ -89,8 +95,10 @@ def _standard_mount(scenario: PlainScenario, keys: tuple[str | int, ...]) -> Any
     match keys:
         case ("sensors", "foot_imu", "position_mm"):
             return _in_units(FOOT_IMU, MM)
-        case ("sensors", "foot_imu", "rotation_deg"):
+        case ("sensors", "foot_imu", "rotation_deg") | ("sensors", "body_imu", _, "rotation_deg"):
             return [0.0, 0.0, 0.0]
+        case ("sensors", "body_imu", str(place), "position_mm") if place in BODY_PLACES:
+            return _in_units(default_position(place, _read_person(scenario)), MM)
         case ("sensors", "foot_camera", "mount"):
             return _mount_in_file(FOOT_CAMERA) | {"roll_deg": _in_units([FOOT_CAMERA.roll_rad], DEG)[0]}
         case ("sensors", "foot_camera", "board"):
@@ -105,6 +113,16 @@ def _standard_mount(scenario: PlainScenario, keys: tuple[str | int, ...]) -> Any
             return {"position_mm": _in_units(position_m, MM), "faces_deg": [0.0, -round(pitch_deg, 6)]}
         case _:
             return {}
+
+
+def _read_person(scenario: PlainScenario) -> Person:
+    """The walker of plain data, which may be invalid otherwise; the default one if the data name none that is valid."""
+    node = {"description": "a person", "person": scenario["person"]} if "person" in scenario else {}
+    try:
+        person: Person = validate(ScenarioFile, node, "person").person if node else Person()
+    except StrideTwinError:  # an invalid person is reported when the scenario is read
+        return Person()
+    return person
 
 
 def _mount_in_file(seat: Seat) -> dict[str, list[float]]:
@@ -154,14 +172,16 @@ def _check_place(node: object, path: FieldPath, depth: int, where: FieldLocation
         raise where.error(path.text, f"{node_text}[0] to {node_text}[{len(node) - 1}]")
 
 
-def _expand_short_form(node: object, *, of_group: bool) -> object:
-    """The sensors of a scenario, or one group of them, as a mapping, which is the long form in a file.
+def _expand_short_form(node: object, keys: tuple[str | int, ...]) -> object:
+    """The sensors of a scenario, one group of them, or an IMU on the body as a mapping, the long form in a file.
 
     Args:
         node: A list of enabled groups, or of one group the name of its part or whether it is on; a mapping stays.
-        of_group: Whether the node is one group.
+        keys: Path of the node.
     """
-    if of_group:
+    if keys == ("sensors", "body_imu"):
+        return {place: True for place in BODY_PLACES} if node is True else {} if isinstance(node, bool) else node
+    if len(keys) > 1:
         if isinstance(node, str):
             return {"part": node}
         # a switch becomes an empty mapping, off as well as on: an option in it switches the group on

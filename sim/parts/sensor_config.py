@@ -86,17 +86,21 @@ class SensorConfig:
         population: Class of IMUs from which the errors of the part are drawn, once per walk; estimators get the figures
             of the nominal part all the same. None keeps the part's. IMUs only.
         clock: Clock of every sensor of the group.
-        strike: Residual error after heel strikes, m/s²; for the IMU beside the depth camera only.
+        strike: Acceleration of the case after heel strikes, m/s²; for the IMU beside the depth camera, and for IMUs on
+            the body off the shoes.
         light: Brightness of the scene relative to the camera's setting; cameras only.
         exposure_s: Exposure time in place of the camera's.
         calibration_sd: Accuracy of the nominal calibration; for the depth camera only.
         pitch_down_rad: Downward pitch of the depth camera and of the IMU beside it.
         frames: `board`: the shoe cameras render the other shoe's board and its surroundings only; `full`: everything.
         shadows: Whether the sun casts shadows in the images, which doubles the time to render them; cameras only.
-        position_m: Position of a shoe's IMU in the foot's frame: forward, outward, up.
-        rotation_rad: Rotation of a shoe's IMU: roll, pitch, yaw of the left one; the right one is its mirror image.
+        position_m: Position of an IMU in the frame of the shoe or segment that carries it: forward, outward, up; left
+            in place of outward on pelvis, chest and head.
+        rotation_rad: Rotation of such an IMU: roll, pitch, yaw of the left one; the right one is its mirror image.
         mount: Pose of a shoe's camera or sonar, or of the depth camera (and the IMU beside it).
         board: Pose of a shoe's board; with the cameras.
+        places: For the IMUs on the body alone: the worn ones by place, each with its own configuration; None for one
+            IMU at every place.
     """
 
     part: Part | None = None
@@ -115,6 +119,7 @@ class SensorConfig:
     rotation_rad: Annotated[tuple[_Angle, _Angle, _Angle] | None, Field(alias="rotation_deg")] = None
     mount: Seat | None = None
     board: Seat | None = None
+    places: Mapping[str, SensorConfig] | None = None
 
 
 def part_of(

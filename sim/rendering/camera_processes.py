@@ -33,6 +33,7 @@ from stridetwin.sim.sensors.model import Stamps, instants
 from stridetwin.sim.sensors.mount_slip import MountSlips
 from stridetwin.sim.sensors.standard_rig import SensorRig
 from stridetwin.sim.world.bystanders import Crowd
+from stridetwin.sim.world.light import LightCourse
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.samples import Array, Depth, Image
 
@@ -55,6 +56,7 @@ class CameraProcesses:
         seed: Seed of the walk.
         mount_slips: Slips of the camera mounts.
         processes: Number of processes; None: `PROCESSES`.
+        light: Course of the light during the walk.
     """
 
     def __init__(
@@ -65,6 +67,7 @@ class CameraProcesses:
         seed: int,
         mount_slips: MountSlips | None = None,
         processes: int | None = None,
+        light: LightCourse | None = None,
     ) -> None:
         """Starts the processes; the scene is sent to each before its first batch."""
         self._cameras = list(sensor_rig.rig.cameras.values())
@@ -72,7 +75,7 @@ class CameraProcesses:
         self._boards = {c.topic: board_seen_by(sensor_rig, c.topic) for c in self._cameras}
         count = (processes or PROCESSES) if self._cameras else 0
         # arguments of `Cameras` for the processes
-        scene = pickle.dumps((model, sensor_rig, crowd, seed, mount_slips), protocol=5) if count else b""
+        scene = pickle.dumps((model, sensor_rig, crowd, seed, mount_slips, light), protocol=5) if count else b""
         self._workers = [_Worker(scene) for _ in range(count)]
         self._idle: SimpleQueue[_Worker] = SimpleQueue()
         for worker in self._workers:
@@ -83,7 +86,7 @@ class CameraProcesses:
         self._running: deque[Future[list[Image | Depth | Patch]]] = deque()
         # image sensors of the cameras with automatic exposure, which this process applies in order of time
         self._sensors = {
-            c.topic: make_image_sensor(sensor_rig, c.topic, seed)
+            c.topic: make_image_sensor(sensor_rig, c.topic, seed, light)
             for c in self._cameras
             if has_auto_exposure(sensor_rig, c.topic)
         }

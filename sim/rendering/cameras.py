@@ -24,6 +24,7 @@ from stridetwin.sim.sensors.mount_slip import MountSlips
 from stridetwin.sim.sensors.standard_rig import SensorRig
 from stridetwin.sim.wearer.sensor_bodies import UPPERS
 from stridetwin.sim.world.bystanders import Crowd, pose_crowd
+from stridetwin.sim.world.light import LightCourse
 from stridetwin.streams.rig import Board, CameraCalibration
 from stridetwin.streams.samples import Array, Depth, Image
 
@@ -96,6 +97,7 @@ class Cameras:
         crowd: Bystanders.
         seed: Seed of the walk, for the noise of the images.
         mount_slips: Slips of the camera mounts.
+        light: Course of the light during the walk.
     """
 
     def __init__(
@@ -105,12 +107,13 @@ class Cameras:
         crowd: Crowd,
         seed: int,
         mount_slips: MountSlips | None = None,
+        light: LightCourse | None = None,
     ) -> None:
         """Creates a renderer per camera, and the views in which they draw."""
         self._model = model = copy.copy(model)  # a copy, because the uppers of the shoes are moved in it
         # renderers by topic, and views by whether they have shadows: cameras of one kind share a view
         self._data, self._crowd, self._mount_slips = mujoco.MjData(model), crowd, mount_slips or MountSlips()
-        self._cameras = {t: _Camera(sensor_rig, t, seed) for t in sensor_rig.rig.cameras}
+        self._cameras = {t: _Camera(sensor_rig, t, seed, light) for t in sensor_rig.rig.cameras}
         self._views = {shadows: self._make_view(shadows) for shadows in {c.shadows for c in self._cameras.values()}}
 
     def _make_view(self, shadows: bool) -> SensorView:
@@ -165,11 +168,12 @@ def has_auto_exposure(sensor_rig: SensorRig, topic: str) -> bool:
     return bool(_imager(sensor_rig, topic).auto_exposure_s)
 
 
-def make_image_sensor(sensor_rig: SensorRig, topic: str, seed: int) -> ImageSensor:
-    """Image sensor of a camera, with the noise of the walk's seed."""
+def make_image_sensor(sensor_rig: SensorRig, topic: str, seed: int, light: LightCourse | None = None) -> ImageSensor:
+    """Image sensor of a camera, with the noise of the walk's seed, in the course of the walk's light."""
     calibration, imager = sensor_rig.rig.cameras[topic], _imager(sensor_rig, topic)
     shape = (calibration.height, calibration.width, *(() if imager.colour == "grey" else (3,)))
-    return ImageSensor(shape, imager, sensor_rig.sensors[topic].sensor_config.light, Noise.of_topic(seed, topic))
+    setting = sensor_rig.sensors[topic].sensor_config.light
+    return ImageSensor(shape, imager, setting, Noise.of_topic(seed, topic), light)
 
 
 def _imager(sensor_rig: SensorRig, topic: str) -> Imager:
@@ -199,13 +203,14 @@ class _Camera:
         sensor_rig: The sensors with their true calibration.
         topic: Topic of the camera.
         seed: Seed of the walk, for the noise.
+        light: Course of the light during the walk.
 
     Attributes:
         shadows: Whether the sun casts shadows in its images.
         lens: Its lens.
     """
 
-    def __init__(self, sensor_rig: SensorRig, topic: str, seed: int) -> None:
+    def __init__(self, sensor_rig: SensorRig, topic: str, seed: int, light: LightCourse | None = None) -> None:
         """Prepares lens, image sensor and depth of the camera with this topic."""
         mounted = sensor_rig.sensors[topic]
         assert isinstance(mounted.calibration, CameraCalibration)
@@ -216,7 +221,9 @@ class _Camera:
         self._grey = self._imager.colour == "grey"
         self.shadows = mounted.sensor_config.shadows
         # None with automatic exposure: such images are exposed elsewhere, in order of time
-        self._sensor = None if has_auto_exposure(sensor_rig, topic) else make_image_sensor(sensor_rig, topic, seed)
+        self._sensor = (
+            None if has_auto_exposure(sensor_rig, topic) else make_image_sensor(sensor_rig, topic, seed, light)
+        )
         self.lens = RenderedLens(calibration)
         # camera matrix of the pinhole image
         self._K = np.array([[self.lens.intrinsics[0], 0, self.lens.intrinsics[2]],

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.kinds import Imager
+from stridetwin.sim.world.light import LightCourse
 from stridetwin.streams.compiled import entry_kernel
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import CameraCalibration
@@ -37,15 +38,19 @@ class ImageSensor:
         imager: True parameters of the camera.
         light: Brightness of the scene relative to the camera's setting.
         noise: Source of its errors.
+        course: How that brightness changes during the walk.
     """
 
-    def __init__(self, shape: tuple[int, ...], imager: Imager, light: float, noise: Noise) -> None:
+    def __init__(
+        self, shape: tuple[int, ...], imager: Imager, light: float, noise: Noise, course: LightCourse | None = None
+    ) -> None:
         """Prepares the bank of noise, the variance of a level, and the vignetting.
 
         `shape` is (H, W) or (H, W, 3); `light` is the brightness of the scene relative to the camera's setting. An
         infinite full well stands for a sensor without noise.
         """
         self.shape, self._imager, self._light, self._noise = shape, imager, light, noise
+        self._course = course or LightCourse()
         self._noisy = math.isfinite(imager.full_well)
         height, width, self._channels = (*shape, 1)[:3]
         self._bank = np.zeros((height + SPARE, (width + SPARE) * self._channels), np.float32)  # unit deviates
@@ -77,7 +82,8 @@ class ImageSensor:
             row: First row of the part in the image.
             column: First column of the part in the image.
         """
-        gain = self._update_gain(t_ns, clean) * self._light
+        change = self._course.factor(t_ns)  # of the light since the start
+        gain = self._update_gain(t_ns, clean, self._light * change) * (self._light * change)
         if gain == 1.0 and not self._noisy and not self._imager.vignetting:
             return clean  # an ideal camera measures the clean levels
         # another crop of the noise bank for each image
@@ -88,12 +94,14 @@ class ImageSensor:
         # the channels of a pixel lie side by side, as columns of their own
         levels = np.ascontiguousarray(clean).reshape(height, channels * width)
         start = (row + down, channels * (column + right))
+        # fewer electrons make a level in less light
+        variance = self._variance if change == 1.0 else (self._variance / [change, change**2]).astype(np.float32)
         measured = _measure_levels(
-            levels, rows, np.repeat(columns, channels), self._bank, start, self._variance, np.float32(gain)
+            levels, rows, np.repeat(columns, channels), self._bank, start, variance, np.float32(gain)
         )
         return measured.reshape(clean.shape)
 
-    def _update_gain(self, t_ns: int, clean: Pixels) -> float:
+    def _update_gain(self, t_ns: int, clean: Pixels, light: float) -> float:
         """Gain of this image over the nominal one; updates the gain of the next image.
 
         The automatic exposure wants a mean of `_TARGET` times white. The logarithm of the gain approaches that of the
@@ -102,13 +110,14 @@ class ImageSensor:
         Args:
             t_ns: Time of the image.
             clean: (h, w, ...) noise-free levels.
+            light: Brightness of the scene relative to the camera's setting.
         """
         lag = self._imager.auto_exposure_s  # s, time constant
         if not lag:
             return 1.0
         # mean over white of a few pixels of the image, at nominal gain; not 0 for a black image
         small = cv2.resize(clean, (40, 30), interpolation=cv2.INTER_NEAREST)
-        mean = max(float(np.mean(small)), 1.0) / 255 * self._light
+        mean = max(float(np.mean(small)), 1.0) / 255 * light
         # the first image has the wanted gain itself
         wanted_gain = min(max(_TARGET / mean, _GAINS[0]), _GAINS[1])
         gain = wanted_gain if self._gain is None else self._gain

@@ -1,7 +1,7 @@
-"""Mount slip: sensors that rotate and move on the body that carries them during a walk.
+"""Mount slip: sensors that rotate and move on the body that carries them during a walk, or vibrate after heel strikes.
 
-A slip is physical: inertial sensors measure it, cameras change their view, and the ground truth of an IMU's frame
-includes it. The nominal calibration in the recording does not change.
+Both are physical: inertial sensors measure it, cameras change their view, and the ground truth of an IMU's frame
+includes them. The nominal calibration in the recording does not change.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.faults.faults import Event, Events, Fault, LooseStrap
+from stridetwin.sim.gait.heel_strike import UpperMotion
 from stridetwin.sim.kinematics.smooth import ease, ease_rate
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.wearer.sensor_bodies import visible_items
@@ -69,10 +70,12 @@ class MountSlips:
     Attributes:
         slips: Slips in order of their start, by topic; topics without slips are missing.
         housings: Body of the model, and mount, of visible sensors with slips, by topic.
+        strikes: Vibration on the body after heel strikes, by topic; images do not show these millimetres.
     """
 
     slips: Mapping[str, tuple[Slip, ...]] = field(default_factory=dict)
     housings: Mapping[str, tuple[str, Mount]] = field(default_factory=dict)
+    strikes: Mapping[str, UpperMotion] = field(default_factory=dict)
 
     @classmethod
     def of(cls, planned: Iterable[tuple[Fault, Events]], rig: Rig) -> MountSlips:
@@ -100,7 +103,9 @@ class MountSlips:
         )
 
     def mount_track(self, topic: str, body: Track) -> Track:
-        """Track of the frame that holds a sensor's mount, after all its slips, given that of its body."""
+        """Track of the frame that holds a sensor's mount, after strikes and all its slips, given that of its body."""
+        if topic in self.strikes:
+            body = self.strikes[topic].upper_track(body)
         for slip in self.slips.get(topic, ()):
             body = slip.mount_track(body)
         return body

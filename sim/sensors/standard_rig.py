@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from stridetwin.sim.choices import BODY_PLACES
 from stridetwin.sim.config import SIDES, TwinConfig
 from stridetwin.sim.exo_description import OnLink, OwnExo
 from stridetwin.sim.parts.kinds import Imager, ImuPart, Part
@@ -27,6 +28,7 @@ from stridetwin.sim.parts.sensor_config import (
     part_of,
 )
 from stridetwin.sim.wearer.exoskeleton import modules
+from stridetwin.sim.wearer.imu_places import body_of, default_position, split_side
 from stridetwin.streams.algebra.arrays import from_euler
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
@@ -208,10 +210,19 @@ def foot_imu_position(config: TwinConfig, side: str) -> Array:
 
 def _foot_imu_rotation(config: TwinConfig, side: str) -> Array:
     """(3, 3) rotation of a shoe's IMU in the foot's frame."""
-    rotation = _group_config(config, "foot_imu").rotation_rad
-    if rotation is None:
+    return _mirrored_rotation(_group_config(config, "foot_imu").rotation_rad, side)
+
+
+def _mirrored_rotation(rotation_rad: tuple[float, float, float] | None, side: str) -> Array:
+    """(3, 3) rotation of an IMU in the frame of its segment; None stands for none.
+
+    Args:
+        rotation_rad: Roll, pitch and yaw of the left one; roll and yaw change their signs in a mirror image.
+        side: `r` for the mirror image.
+    """
+    if rotation_rad is None:
         return np.eye(3)
-    roll, pitch, yaw = rotation  # of the left foot; roll and yaw change their signs in a mirror image
+    roll, pitch, yaw = rotation_rad
     return from_euler(np.array([[yaw * _outward(side), pitch, roll * _outward(side)]]))[0]
 
 
@@ -220,6 +231,23 @@ def _foot_imus(config: TwinConfig) -> Iterator[MountedSensor]:
     for side in SIDES:
         pose = _make_pose(_foot_imu_rotation(config, side), foot_imu_position(config, side))
         yield _make_imu(config, "foot_imu", f"/foot_{side}/imu", Mount(body=f"foot_{side}", T_body_sensor=pose))
+
+
+def _body_imus(config: TwinConfig) -> Iterator[MountedSensor]:
+    """The IMUs on segments of the body, in the order of `BODY_PLACES`."""
+    worn = _group_config(config, "body_imu").places
+    for place in BODY_PLACES:
+        if worn is not None and place not in worn:
+            continue
+        own = SensorConfig() if worn is None else worn[place]
+        _, side = split_side(place)
+        position = np.array(default_position(place, config.person) if own.position_m is None else own.position_m)
+        position[1] *= _outward(side or "l")  # in the middle of the body it counts to the left
+        pose = _make_pose(_mirrored_rotation(own.rotation_rad, side or "l"), position)
+        mount = Mount(body=body_of(place), T_body_sensor=pose)
+        # the place's own configuration stands in for that of the group
+        of_place = replace(config, fittings={**config.fittings, "body_imu": own})
+        yield _make_imu(of_place, "body_imu", f"/body/{place}/imu", mount)
 
 
 def _head_imu(config: TwinConfig) -> Iterator[MountedSensor]:
@@ -237,7 +265,7 @@ def _make_camera(
     Args:
         config: Scenario.
         group: Group of the camera.
-        imu_group: Group of the IMU to which its time shift refers.
+        imu_group: Group of the IMU to which its time shift refers; without it the camera has no IMU.
         place: Prefix of its topics, such as `head` or `foot_l`.
         mount: Its mount.
         depth: Whether it has depth.
@@ -258,7 +286,7 @@ def _make_camera(
         distortion_model=imager.distortion_model,
         distortion=imager.distortion,
         depth_topic=f"/{place}/depth" if depth else "",
-        imu_topic=f"/{place}/imu",
+        imu_topic=f"/{place}/imu" if imu_group in config.sensors else "",
         timeshift_cam_imu_s=timeshift_s,
         readout_s=part.imager.rolling_s,
     )
@@ -447,6 +475,7 @@ _SENSORS = {
     "actuator": _actuators,
     "head_imu": _head_imu,
     "head_camera": _rgbd,
+    "body_imu": _body_imus,
 }
 
 

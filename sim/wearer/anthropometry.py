@@ -174,6 +174,11 @@ def anthropometry(person: Person) -> Anthropometry:
     )
 
 
+def compute_girth(person: Person) -> float:
+    """Thickness of trunk and limbs over that of the mean person of 73 kg and 1.741 m, as mass ~ height · girth²."""
+    return float(np.sqrt((person.mass_kg / 73.0) / (person.height_m / 1.741)))
+
+
 def _combine(a: MassProperties, b: MassProperties) -> MassProperties:
     """Mass properties of two bodies together, in their common frame, by the parallel-axis theorem.
 

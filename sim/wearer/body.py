@@ -13,7 +13,7 @@ import numpy as np
 
 from stridetwin.sim.config import SIDES, Exo, Person
 from stridetwin.sim.exo_description import OwnExo
-from stridetwin.sim.wearer.anthropometry import Anthropometry, anthropometry
+from stridetwin.sim.wearer.anthropometry import Anthropometry, anthropometry, compute_girth
 from stridetwin.sim.wearer.dimensions import Shoe, Wearer
 from stridetwin.sim.wearer.exo_body import add_exoskeleton, add_own_exo
 from stridetwin.sim.wearer.exoskeleton import ExoLinks, fit_links, modules
@@ -45,8 +45,7 @@ def fit_wearer(person: Person, with_exo: bool = True) -> Wearer:
         ConfigError: A person outside the range of the tables.
     """
     body = anthropometry(person)
-    # mass ~ height x girth², over those of the mean person, 73 kg and 1.741 m
-    girth = float(np.sqrt((person.mass_kg / 73.0) / (person.height_m / 1.741)))
+    girth = compute_girth(person)
     k = body.shoe_length_m / 0.270  # relative to the shoe of the leaf files, which is 0.270 m long
     # the heel's back is 0.045 m behind the foot's origin in every shoe; the hinge moves with the length
     shoe = Shoe(

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import mujoco
 
 from stridetwin.sim.config import SIDES
+from stridetwin.sim.wearer.imu_places import thin_axis
 from stridetwin.sim.wearer.leaves import read_leaf
 from stridetwin.streams.algebra.arrays import to_quaternion
 from stridetwin.streams.rig import Mount, Rig
@@ -33,6 +34,16 @@ def add_rig(spec: mujoco.MjSpec, rig: Rig) -> None:
         frame.attach_body(read_leaf(part).body(part), name.removesuffix(part), "")
 
 
+_CASES = ("imu_pod_front", "imu_pod", "imu_pod_top")
+"""Cases of an IMU that are thin along its x, y and z axis."""
+
+
+def _imu_case(topic: str) -> str:
+    """Part of an IMU's case, which lies flat where it is worn."""
+    group, _, place = topic.removesuffix("/imu").rpartition("/")
+    return _CASES[thin_axis(place)] if group == "/body" else "imu_pod"
+
+
 def visible_items(rig: Rig) -> Iterator[tuple[str, str, str, Mount]]:
     """Sensors and boards that are visible on the wearer.
 
@@ -47,7 +58,7 @@ def visible_items(rig: Rig) -> Iterator[tuple[str, str, str, Mount]]:
     shown += [("checkerboard", "", board.mount) for board in rig.boards.values()]
     inside = {camera.imu_topic for camera in rig.cameras.values() if camera.depth_topic}
     inside |= {topic for topic, imu in rig.imus.items() if imu.mount.body.startswith("exo_")}  # part of an AHRS
-    shown += [("imu_pod", topic, imu.mount) for topic, imu in rig.imus.items() if topic not in inside]
+    shown += [(_imu_case(topic), topic, imu.mount) for topic, imu in rig.imus.items() if topic not in inside]
     shown += [("sonar_pod", topic, s.mount) for topic, s in rig.others.items() if s.kind == "range"]
     for i, (part, topic, mount) in enumerate(shown):
         yield f"rig_{i}_{part}", part, topic, mount

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import groupby
 from operator import itemgetter
@@ -42,7 +42,11 @@ _CRATE_WIDTH_M = 0.60
 _CRATE_HEIGHT_M = 0.20  # that of a step
 _WALL_WIDTH_M = 3.0
 _WALL_HEIGHT_M = 2.5
+# door frame: thickness of its wall, width of jambs and head, and clear height (DIN 18101 has 2.111 m)
+_DOOR_WALL_M, _JAMB_M, _DOOR_HEIGHT_M = 0.10, 0.05, 2.10
+_HEAD_ROOM_M = 2.05  # of a walker of 1.95 m in shoes who rises with every step: what is higher obstructs nobody
 _PAINT_LIFT_M = 0.001  # height of paint, so that the ground does not shine through
+_LEAST_WALL_M = 0.01  # narrower walls beside a door are left out
 _BODY_CLEARANCE_M = 0.40  # clearance from the middle of the way, and beyond the end of the walk
 # length along the way by the kind of a thing
 LENGTHS_M = {
@@ -54,6 +58,7 @@ LENGTHS_M = {
     "crate": 0.40,
     "wall": 0.15,
     "glass": 0.02,
+    "door": 0.14,
 }
 GLASS = "glass"
 """Material that cameras look through."""
@@ -408,14 +413,41 @@ def floor_markings(things: Sequence[Thing], layout: Layout, width_m: float) -> I
             yield np.column_stack([xy, np.full(4, _strip_at(layout, start).z0 + _PAINT_LIFT_M)]), material
 
 
-def upright_things(things: Sequence[Thing], layout: Layout) -> tuple[Landmark, ...]:
-    """Boxes of the upright things on or beside the way: tables, chairs, crates, walls and panes of glass."""
-    return tuple(
-        part
-        for thing in things
-        if thing.kind in _UPRIGHT
-        for part in _UPRIGHT[thing.kind](_frame_of_thing(thing, layout))
-    )
+def upright_things(things: Sequence[Thing], layout: Layout, width_m: float) -> tuple[Landmark, ...]:
+    """Boxes of the upright things on or beside the way: tables, chairs, crates, walls, panes of glass and doors.
+
+    Args:
+        things: Things of the route.
+        layout: Route in the world.
+        width_m: Width of the way, which the wall of a door fills.
+    """
+    boxes: list[Landmark] = []
+    for thing in things:
+        if thing.kind == "door":
+            boxes += _door(thing, _frame_of_thing(replace(thing, left_m=0.0), layout), width_m)
+        elif thing.kind in _UPRIGHT:
+            boxes += _UPRIGHT[thing.kind](_frame_of_thing(thing, layout))
+    return tuple(boxes)
+
+
+def _door(thing: Thing, at: _Frame, width_m: float) -> Iterator[Landmark]:
+    """A wall across the way with an opening in a wooden frame: two walls, two jambs, the head, and the wall above it.
+
+    Args:
+        thing: The door, with the place and the width of its opening.
+        at: Frame in the middle of the way.
+        width_m: Width of the way.
+    """
+    deep, lintel = LENGTHS_M["door"], at.z + _DOOR_HEIGHT_M + _JAMB_M
+    ends = [thing.left_m + side * (thing.opening_m / 2 + _JAMB_M) for side in (-1.0, 1.0)]  # outer edges of the frame
+    for border, end in zip((-width_m / 2, width_m / 2), ends):
+        if abs(border - end) > _LEAST_WALL_M:
+            middle = (border + end) / 2
+            yield at.box("plaster", _DOOR_WALL_M, abs(border - end), at.z, at.z + _ROOM_HEIGHT_M, left=middle)
+        jamb = end - math.copysign(_JAMB_M / 2, end - thing.left_m)
+        yield at.box("wood", deep, _JAMB_M, at.z, lintel, left=jamb)
+    yield at.box("wood", deep, thing.opening_m, at.z + _DOOR_HEIGHT_M, lintel, left=thing.left_m)
+    yield at.box("plaster", _DOOR_WALL_M, ends[1] - ends[0], lintel, at.z + _ROOM_HEIGHT_M, left=thing.left_m)
 
 
 def _frame_of_thing(thing: Thing, layout: Layout) -> _Frame:
@@ -464,8 +496,13 @@ def _strip_at(layout: Layout, s: float) -> Strip:
     return next((strip for strip in layout.profile if s < strip.s1), layout.profile[-1])
 
 
-def check_things(things: Sequence[Thing], layout: Layout) -> None:
-    """Rejects objects that are not on one level, and those that obstruct the walker.
+def check_things(things: Sequence[Thing], layout: Layout, width_m: float) -> None:
+    """Rejects objects that are not on one level, those that obstruct the walker, and doors wider than the way.
+
+    Args:
+        things: Things of the route.
+        layout: Route in the world.
+        width_m: Width of the way.
 
     Raises:
         ConfigError: The message names the object, its place, and what is valid.
@@ -479,7 +516,13 @@ def check_things(things: Sequence[Thing], layout: Layout) -> None:
         if not (level and first <= thing.at_m and end <= strip.s1 + 1e-9):
             valid = f"a place on one level of the way, {LENGTHS_M[thing.kind]:g} m long"
             raise ConfigError("route", f"things[{i}].at_m", thing.at_m, valid)
-        for mark in upright_things((thing,), layout):
+        if thing.kind == "door" and 2 * (abs(thing.left_m) + _JAMB_M) + thing.opening_m > width_m + 1e-9:
+            most = max(width_m - 2 * (abs(thing.left_m) + _JAMB_M), 0.0)
+            valid = f"{most:.2f} or less: the frame is within the way of {width_m:g} m"
+            raise ConfigError("route", f"things[{i}].opening_m", thing.opening_m, valid)
+        for mark in upright_things((thing,), layout, width_m):
+            if mark.box.bottom > strip.z0 + _HEAD_ROOM_M:
+                continue  # overhead
             if _distance_from_box(mark.box, walked).min() < _BODY_CLEARANCE_M:
                 valid = f"{_BODY_CLEARANCE_M:g} m clear of where the walker goes"
                 raise ConfigError("route", f"things[{i}]", f"a {thing.kind} at {thing.at_m:g} m", valid)

@@ -53,6 +53,8 @@ def check_segments(route: Route) -> None:
     _require("bystanders", route.bystanders, few, f"a whole number, 0-{MAX_BYSTANDERS}")
     for i, thing in enumerate(route.things):
         _require(f"things[{i}].kind", thing.kind, thing.kind in THINGS, ", ".join(THINGS))
+        through = thing.kind != "door" or not route.bystanders
+        _require("bystanders", route.bystanders, through, "0, as nobody beside the walker fits through a door")
     # bystanders need room to pass on uneven ground
     uneven = any(isinstance(s, Stairs | Ramp | Lanes) for s in route.segments)
     wide = not (route.bystanders and uneven) or route.width_m >= PASSING_WIDTH_M - _TINY

@@ -53,7 +53,7 @@ class Terrain:
             ConfigError: A segment that cannot be built or walked; the message names field, value and range.
         """
         layout = lay_out(route)
-        obstacles.check_things(route.things, layout)
+        obstacles.check_things(route.things, layout, route.width_m)
         # lowest of the four corners of all slabs
         lowest = min(
             float(slab.point([0, 0, slab.length, slab.length], [-slab.right, slab.left] * 2)[:, 2].min())
@@ -75,7 +75,7 @@ class Terrain:
     @cached_property
     def landmarks(self) -> tuple[Landmark, ...]:
         """Objects beside the way and at its end, out of the walker's reach."""
-        things = obstacles.upright_things(self.route.things, self.layout)
+        things = obstacles.upright_things(self.route.things, self.layout, self.route.width_m)
         return surroundings(self.route.scenery, self.layout, self.ground_m - _FOOT_OF_SLABS_M, things)
 
     def add_to(self, spec: mujoco.MjSpec) -> None:

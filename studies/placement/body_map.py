@@ -35,7 +35,13 @@ _FAINT = 0.1  # opacity of the bodies without dots
 _MANY = 150  # more dots than this are drawn smaller
 _RAY_M = 0.05  # from a sensor to the dot of a viewing direction
 _INK = (46, 28, 15)  # BGR
-_MOVED = ("position_mm", ".mount", ".board", "camera_mount")  # parts of the paths of fields that move a sensor
+_MOVED = (
+    "position_mm",
+    ".mount",
+    ".board",
+    "camera_mount",
+    ".body_imu",
+)  # parts of the paths of fields that move a sensor
 _SUN = (0.4, 0.3, 1.5)  # m, a light; it shines towards the origin
 _VIEWS = ((0.0, -8.0), (65.0, -32.0))
 """Azimuth, relative to the side of the dots, and elevation, deg."""
@@ -125,6 +131,8 @@ def _collect_dots(problem: PlacementProblem, folder: Path, searched: MeasuredPla
         for knob in free.knobs
         if any(word in f".{path.text}" for path in free.paths for word in _MOVED)
     ]
+    # a choice of places on the body moves one IMU from place to place, which has a topic of its own at each
+    changes_place = any(path.keys == ("sensors", "body_imu") for free in problem.free for path in free.paths)
     # by the values of these knobs, as text: name and mount of each sensor, and whether it is a board
     mounts_by_values: dict[str, list[tuple[str, Mount, bool]]] = {}
     # by name of the sensor, its body, and the point in the body's frame, as text: the dot with the lowest loss
@@ -135,7 +143,9 @@ def _collect_dots(problem: PlacementProblem, folder: Path, searched: MeasuredPla
         # places that differ in other values alone have the same mounts, which are then computed once
         key = json.dumps([place.values.get(name) for name in moving])
         if key not in mounts_by_values:
-            mounts_by_values[key] = list(_list_mounts(scenario_at(problem, problem.bases[0], place, folder).config))
+            mounts_by_values[key] = list(
+                _list_mounts(scenario_at(problem, problem.bases[0], place, folder).config, changes_place)
+            )
         for name, mount, board in mounts_by_values[key]:
             # position, and viewing direction: the sensor's z axis
             p, ahead = mount.T_body_sensor[:3, 3], mount.T_body_sensor[:3, 2]
@@ -154,10 +164,14 @@ def _collect_dots(problem: PlacementProblem, folder: Path, searched: MeasuredPla
     return sorted(dots, key=lambda dot: -dot.loss)
 
 
-def _list_mounts(config: TwinConfig) -> Iterator[tuple[str, Mount, bool]]:
+def _list_mounts(config: TwinConfig, changes_place: bool) -> Iterator[tuple[str, Mount, bool]]:
     """Yields name and mount of each sensor on the left side or in the middle of the body, and whether it is a board.
 
     The right side mirrors the left one, so its sensors are left out; so are sensors on the exoskeleton.
+
+    Args:
+        config: The scenario of a place.
+        changes_place: Whether all IMUs on the body count as one sensor.
     """
     rig = sensor_rig(config).rig
     # an IMU inside a depth camera has no mark of its own
@@ -168,7 +182,8 @@ def _list_mounts(config: TwinConfig) -> Iterator[tuple[str, Mount, bool]]:
             # a camera that is not on the left shoe is on head or chest; the topic would tell on which, and places may
             # differ in that
             is_on_upper_body = topic in rig.cameras and "_l/" not in topic
-            yield "head or chest" if is_on_upper_body else topic, mount, False
+            is_body_imu = changes_place and topic.startswith("/body/")
+            yield "head or chest" if is_on_upper_body else "body IMU" if is_body_imu else topic, mount, False
     for name, board in rig.boards.items():
         if not name.endswith("_r"):
             yield "board", board.mount, True

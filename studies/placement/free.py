@@ -1,6 +1,6 @@
 """Free variables of a placement: a number between bounds, one of several values, or a point on a surface.
 
-Points on the surface of shoe, head or chest: where something can be fixed.
+Points on the surface of a shoe or a segment of the body: where something can be fixed.
 """
 
 from __future__ import annotations
@@ -23,13 +23,19 @@ from stridetwin.streams.samples import Array
 if TYPE_CHECKING:
     from stridetwin.sim.wearer.limbs import LimbShape
 
-SURFACES = {"shoe": "foot_l", "head": "head", "chest": "torso"}
+SURFACES = {
+    "shoe": "foot_l",
+    "head": "head",
+    "chest": "torso",
+    "pelvis": "pelvis",
+    **{limb: f"{limb}_l" for limb in ("thigh", "shank", "upper_arm", "forearm")},
+}
 """Body of each surface, by its name."""
 _OUTSIDE_M = 0.6  # distance from the body's axis that lies outside of every surface
 
 
 def point_on_surface(surface: str, person: Person, around_rad: float, up_m: float, off_m: float) -> Array:
-    """A point on the surface of shoe, head or chest, or at a distance outward of it.
+    """A point on the surface of a shoe or a segment, or at a distance outward of it.
 
     Args:
         surface: Name in `SURFACES`; all are as wide to the left as to the right.

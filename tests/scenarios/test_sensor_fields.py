@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from stridetwin.scenarios.scenario_model import SensorsInFile
+from stridetwin.sim.choices import BODY_PLACES
 from stridetwin.sim.config import Level, Route, TwinConfig
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.sensor_config import KIND
@@ -39,7 +40,11 @@ def test_a_list_names_what_is_on():
 
 def test_a_mapping_changes_what_it_names_and_leaves_the_rest_on():
     asked = read({"foot_imu": "MPU-9250", "head_camera": False, "sonar": True})
-    assert set(asked.groups) == set(KIND) - {"head_camera", "exo_imu"}  # which is off unless asked for
+    assert set(asked.groups) == set(KIND) - {
+        "head_camera",
+        "exo_imu",
+        "body_imu",
+    }  # the last two are off unless asked for
     assert set(asked.configs) == {"foot_imu"}
     rig = fitted({"foot_imu": "MPU-9250"}).rig
     assert rig.imus["/foot_l/imu"].rate_hz == 200
@@ -119,9 +124,21 @@ def test_a_camera_may_be_off_its_imu_by_a_tenth_of_a_second(offset_s):
         ({"foot_imu": {"position_mm": [1, 2]}}, ["sensors.foot_imu.position_mm: invalid [1, 2]", "three items"]),
         (
             {"foot_imu": {"position_mm": [0, 60, 280]}},
-            ["sensors.foot_imu.position_mm[2]: invalid 280", "up to 150", "imus.shank_l in the rig file"],
+            ["sensors.foot_imu.position_mm[2]: invalid 280", "up to 150", "sensors.body_imu.shank_l"],
         ),
         ({"foot_imu": {"light": 1}}, ["sensors.foot_imu: invalid 'light'"]),
+        ({"body_imu": {"shnk_l": True}}, ["sensors.body_imu: invalid 'shnk_l'", "did you mean 'shank_l'?"]),
+        ({"body_imu": {"shank": {}}}, ["sensors.body_imu: invalid 'shank'", "expected keys pelvis, chest, head"]),
+        (
+            {"body_imu": {"heel_l": {"strike_g": 1}}},
+            ["sensors.body_imu.heel_l.strike_g: invalid 1", "0 on a shoe"],
+        ),
+        ({"body_imu": 3}, ["sensors.body_imu: invalid 3", "true, false, or keys pelvis"]),
+        ({"body_imu": {"thigh_l": "SRF08"}}, ["sensors.body_imu.thigh_l: invalid 'SRF08'", "of kind imu"]),
+        (
+            {"body_imu": {"thigh_l": {"position_mm": [0, 0, -700]}}},
+            ["sensors.body_imu.thigh_l.position_mm[2]: invalid -700", "-600 to 600"],
+        ),
         ({"foot_camera": {"frames": "half"}}, ["sensors.foot_camera.frames: invalid 'half'", "board, full"]),
         ({"foot_camera": {"mount": {"faces_deg": [27, 24]}}}, ["sensors.foot_camera.mount", "position_mm"]),
         (
@@ -179,3 +196,20 @@ def test_camera_with_depth_sonar_and_imu_sit_and_face_where_the_file_says():
         np.testing.assert_allclose(turned[f"/foot_{side}/imu"].mount.T_body_sensor[:3, 0], [0, out, 0], atol=1e-12)
     plain = fitted({}).rig.imus["/foot_l/imu"].mount.T_body_sensor[:3, :3]
     np.testing.assert_array_equal(plain, np.eye(3))
+
+
+def test_imus_on_the_body_are_named_by_place_and_each_has_its_own_options():
+    every = fitted({"body_imu": True}).rig.imus
+    assert len([topic for topic in every if topic.startswith("/body/")]) == len(BODY_PLACES)
+    mine = {"shank_l": {"position_mm": [10, 60, -300], "part": "ADIS16485"}, "wrist_r": {}, "head": "BMI055-ideal"}
+    worn = fitted({"body_imu": mine | {"chest": False}})
+    assert {topic for topic in worn.rig.imus if "/body/" in topic} == {
+        f"/body/{place}/imu" for place in ("shank_l", "wrist_r", "head")
+    }
+    shank = worn.rig.imus["/body/shank_l/imu"]
+    np.testing.assert_allclose(shank.mount.T_body_sensor[:3, 3], [0.01, 0.06, -0.3])
+    assert shank.rate_hz == 120
+    assert worn.sensors["/body/head/imu"].part.gyroscope.noise_density == 0
+    assert "/foot_l/imu" in worn.rig.imus
+    assert not [topic for topic in fitted({"body_imu": False}).rig.imus if "/body/" in topic]
+    assert list(fitted(["body_imu"]).rig.imus) == [f"/body/{place}/imu" for place in BODY_PLACES]

@@ -9,6 +9,7 @@ from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.sensors.standard_rig import FOOT_BOARD, FOOT_CAMERA, GROUPS, standard_rig
 from stridetwin.sim.wearer.sensor_bodies import add_rig, visible_items
 from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.kalibr import rig_from_yaml, rig_to_yaml
 
 CONFIG = TwinConfig(name="walk", route=Route(segments=(Level(length_m=3.0),)))
 RIG = standard_rig(CONFIG)
@@ -151,3 +152,12 @@ def test_what_is_seen_of_the_rig_sits_at_its_mounts_and_weighs_nothing():
     np.testing.assert_allclose(
         data.xmat[boards[0]].reshape(3, 3), RIG.boards["foot_l"].mount.T_body_sensor[:3, :3], atol=1e-9
     )
+
+
+@pytest.mark.parametrize("group", ["head_camera", "foot_camera"])
+def test_a_camera_without_the_imu_beside_it_can_be_written(group):
+    rig = standard_rig(replace(CONFIG, sensors=(group, "body_imu")))
+    again = rig_from_yaml(rig_to_yaml(rig), "rig")
+    for topic, camera in rig.cameras.items():
+        assert camera.imu_topic == ""
+        np.testing.assert_allclose(again.cameras[topic].mount.T_body_sensor, camera.mount.T_body_sensor)
