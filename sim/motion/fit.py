@@ -36,18 +36,22 @@ class FittedWalk:
         skeleton: The wearer without exoskeleton.
         dt: Time between two rows, s.
         x: (N, D) coordinates in the world.
+        x_unpinned: (N, D) coordinates before the soles were put on the ground; they fit the recording best.
         rests: Stances of both feet in order of time, in the world.
         ground: Heights under them, and the route.
         points: The recorded points, in the world.
+        placement: How the laboratory, with z up, lies in the world.
     """
 
     person: Person
     skeleton: Skeleton
     dt: float
     x: Array
+    x_unpinned: Array
     rests: tuple[FootRest, ...]
     ground: Ground
     points: PointSet
+    placement: RoutePlacement
 
     @property
     def duration_s(self) -> float:
@@ -92,10 +96,12 @@ def fit_markers(
     person, points = calibrate(person, points, x, parameters)
     skeleton = Skeleton.of(person)
     x = solve_coordinates(skeleton, points, x, dt, parameters)
+    whole = RoutePlacement(turn=0.0, shift=np.zeros(3))
     for _ in range(_GROUNDING_ROUNDS):  # soles that rest show where the markers of the feet are on the shoes
         feet = track_feet(skeleton, x)
         stances = _stances_of(feet, skeleton, dt, parameters)
         placement = place_route(stances, x[:, :3])
+        whole = whole.then(placement)
         feet, stances = _to_world(placement, feet, stances)
         ground = find_ground(stances, feet, skeleton.size.shoe, parameters)
         rests = _rest_points(skeleton, stances, ground, len(x), _REST_SD_M)
@@ -105,7 +111,8 @@ def fit_markers(
         points = replace(points, places=both.places[: len(points.names)])
         skeleton = Skeleton.of(person)
         x = solve_coordinates(skeleton, points, x, dt, parameters)
-    return ground_walk(skeleton, person, points, x, dt, parameters, route)
+    fitted = ground_walk(skeleton, person, points, x, dt, parameters, route)
+    return replace(fitted, placement=whole.then(fitted.placement))
 
 
 def ground_walk(
@@ -162,15 +169,17 @@ def ground_walk(
     # the legs follow the feet at once, the trunk slowly: otherwise it would be shaken by what the feet are corrected
     is_leg = np.array([name.rpartition("_")[0] in LEG_JOINTS for name in skeleton.layout.names])
     cutoffs = np.where(is_leg, parameters.cutoff_hz, parameters.follow_hz)
-    x = solve_coordinates(skeleton, points, x, dt, parameters, targets=targets, cutoffs_hz=cutoffs)
+    pinned = solve_coordinates(skeleton, points, x, dt, parameters, targets=targets, cutoffs_hz=cutoffs)
     return FittedWalk(
         person=person,
         skeleton=skeleton,
         dt=dt,
-        x=x,
+        x=pinned,
+        x_unpinned=x,
         rests=tuple(stances),
         ground=ground,
         points=points,
+        placement=placement,
     )
 
 
