@@ -14,12 +14,13 @@ from stridetwin.sim.motion.ik import PointSet, calibrate, initial_coordinates, p
 from stridetwin.sim.motion.marker_sets import MarkerPlace, place_markers
 from stridetwin.sim.motion.parameters import MotionParameters
 from stridetwin.sim.motion.read import MarkerTable
-from stridetwin.sim.motion.rests import FootRest, FootTrack, find_stances
+from stridetwin.sim.motion.rests import FootRest, FootTrack, stances_of
+from stridetwin.sim.motion.segments import SegmentMotion, fit_legs, points_of
 from stridetwin.sim.motion.skeleton import Skeleton, lengths_of
 from stridetwin.sim.people import Person
 from stridetwin.sim.wearer.body import LEG_JOINTS
 from stridetwin.sim.world.terrain import Terrain
-from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
 
 SIDES = ("l", "r")
@@ -99,7 +100,7 @@ def fit_markers(
     whole = RoutePlacement(turn=0.0, shift=np.zeros(3))
     for _ in range(_GROUNDING_ROUNDS):  # soles that rest show where the markers of the feet are on the shoes
         feet = track_feet(skeleton, x)
-        stances = _stances_of(feet, skeleton, dt, parameters)
+        stances = stances_of(feet, skeleton.size.shoe, dt, parameters)
         placement = place_route(stances, x[:, :3])
         whole = whole.then(placement)
         feet, stances = _to_world(placement, feet, stances)
@@ -113,6 +114,29 @@ def fit_markers(
         x = solve_coordinates(skeleton, points, x, dt, parameters)
     fitted = ground_walk(skeleton, person, points, x, dt, parameters, route)
     return replace(fitted, placement=whole.then(fitted.placement))
+
+
+def fit_segments(
+    motion: SegmentMotion, person: Person, route: Route | None = None, parameters: MotionParameters | None = None
+) -> FittedWalk:
+    """Fits a wearer to recorded orientations of segments, such as joint angles give.
+
+    Args:
+        motion: Orientations.
+        person: Height, mass, sex, and lengths that are known.
+        route: Terrain, if it is known; None to find it from the rests of the feet.
+        parameters: None for the usual ones.
+
+    Raises:
+        StrideTwinError: A foot never rests.
+    """
+    parameters = parameters or MotionParameters()
+    motion, person = fit_legs(motion, person, parameters)
+    skeleton = Skeleton.of(person)
+    points = points_of(motion, skeleton, parameters)
+    x = initial_coordinates(skeleton, points, motion.source)
+    x = solve_coordinates(skeleton, points, x, motion.dt, parameters)
+    return ground_walk(skeleton, person, points, x, motion.dt, parameters, route)
 
 
 def ground_walk(
@@ -137,7 +161,7 @@ def ground_walk(
     """
     shoe = skeleton.size.shoe
     feet = track_feet(skeleton, x)
-    stances = _stances_of(feet, skeleton, dt, parameters)
+    stances = stances_of(feet, skeleton.size.shoe, dt, parameters)
     placement = place_route(stances, x[:, :3])
     feet, stances = _to_world(placement, feet, stances)
     points, x = _place_points(points, placement), _place_coordinates(x, placement)
@@ -213,21 +237,6 @@ def _turn_up(table: MarkerTable, places: Mapping[str, MarkerPlace]) -> Array:
     if axis == 0 and up[0] > 0:
         return np.stack([table.x[..., 1], table.x[..., 2], table.x[..., 0]], axis=-1)
     raise ConfigError(table.source, "axes", f"{'xyz'[axis]} down", "an axis that points up")
-
-
-def _stances_of(
-    feet: Sequence[FootTrack], skeleton: Skeleton, dt: float, parameters: MotionParameters
-) -> list[FootRest]:
-    """Stances of both feet in order of time.
-
-    Raises:
-        StrideTwinError: A foot never rests.
-    """
-    found = {track.side: find_stances(track, skeleton.size.shoe, dt, parameters) for track in feet}
-    for side, stances in found.items():
-        if not any(stance.flat for stance in stances):
-            raise StrideTwinError(f"the {'left' if side == 'l' else 'right'} foot never lies flat and still")
-    return sorted((s for stances in found.values() for s in stances), key=lambda s: s.ground[0])
 
 
 def _to_world(
