@@ -371,6 +371,7 @@ class Motion:
         duration_s: Length to which a short recording is looped; None for its own length.
         finds_terrain: Whether the terrain follows from the rests of the feet; otherwise it is the route's.
         given_person: The person of the scenario, once lengths are fitted; None before.
+        fitted_s: Length of the walk, once it is fitted; None before.
     """
 
     file: str
@@ -380,6 +381,7 @@ class Motion:
     duration_s: float | None = None
     finds_terrain: bool = True
     given_person: Person | None = None
+    fitted_s: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

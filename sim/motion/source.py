@@ -103,12 +103,13 @@ def apply_motion(config: TwinConfig) -> tuple[TwinConfig, FittedWalk]:
     if motion.finds_terrain:
         found = fitted.ground.route
         route = replace(route, segments=found.segments, width_m=max(route.width_m, found.width_m))
-    return replace(config, person=fitted.person, route=route, motion=replace(motion, given_person=person)), fitted
+    motion = replace(motion, given_person=person, fitted_s=fitted.duration_s)
+    return replace(config, person=fitted.person, route=route, motion=motion), fitted
 
 
 def _bare(motion: Motion) -> Motion:
-    """The motion without the person, by which it is remembered."""
-    return replace(motion, given_person=None)
+    """The motion as a scenario has it, by which its fit is remembered."""
+    return replace(motion, given_person=None, fitted_s=None)
 
 
 def _read_opensim(path: Path, person: Person) -> SegmentMotion:
