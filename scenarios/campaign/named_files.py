@@ -215,7 +215,7 @@ class NamedFiles:
         return values
 
     def with_output_names(self, node: object, where: FieldLocation, home: Path | None = None) -> object:
-        """Plain data of sensors, exoskeleton, terrain or motion, with file names replaced by those in the output folder.
+        """Plain data of sensors, exoskeleton, terrain or motion, with file names as in the output folder.
 
         The files, and those that they name in turn, are added to `user_files`.
 
