@@ -391,7 +391,12 @@ class SceneOptions(Options):
 class MotionOptions(Options):
     """Fit a wearer to a recording of a person, and show how well: markers, steps, terrain, and an image."""
 
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Markers, .trc or .c3d, possibly .gz.")]
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE", help="Markers (.trc, .c3d) or joint angles (.mot, .sto, .bvh, .npz), possibly .gz."
+        ),
+    ]
     height_m: Annotated[float, option("Height of the person, m.", "M")] = 1.75
     mass_kg: Annotated[float, option("Mass of the person, kg.", "KG")] = 75.0
     markers: Annotated[str, option("Set of markers; without it, the one that knows most names.", "SET")] = ""

@@ -15,17 +15,18 @@ def motion_command(arguments: MotionOptions, progress: Progress) -> Outcome:
     """Runs `motion`: residuals of the markers, steps and terrain of a recording, and an image of its middle."""
     with explain_import_error("a recorded motion needs the simulator", "twin"):
         from stridetwin.sim.config import Level, Motion, Person, Route, TwinConfig
-        from stridetwin.sim.motion.source import apply_motion
+        from stridetwin.sim.motion.source import angle_format, apply_motion
         from stridetwin.sim.twin import Twin
+    recording = Motion(
+        file=str(arguments.file), markers=arguments.markers or None, duration_s=arguments.duration_s or None
+    )
     config = TwinConfig(
         name=arguments.file.name,
         route=Route(segments=(Level(length_m=1.0),)),
         person=Person(height_m=arguments.height_m, mass_kg=arguments.mass_kg),
         exo=None,
         sensors=(),
-        motion=Motion(
-            file=str(arguments.file), markers=arguments.markers or None, duration_s=arguments.duration_s or None
-        ),
+        motion=recording,
     )
     progress("fit", 0.0)
     config, fitted = apply_motion(config)
@@ -34,10 +35,13 @@ def motion_command(arguments: MotionOptions, progress: Progress) -> Outcome:
     twin = Twin(config, 0)
     steps = sorted((step for side in ("l", "r") for step in twin.walk.steps[side]), key=lambda step: step.t_touch)
     risers, treads = fitted.ground.riser_mm, fitted.ground.tread_mm
-    lines = [f"{arguments.file.name}: {fitted.duration_s:.2f} s, markers {rms:.1f} mm RMS with pinned soles"]
+    kind = "markers" if angle_format(recording) is None else "points on the segments"
+    lines = [f"{arguments.file.name}: {fitted.duration_s:.2f} s, {kind} {rms:.1f} mm RMS with pinned soles"]
     lines += [f"  {name:<16} {value:6.1f} mm" for name, value in sorted(residuals.items(), key=lambda item: -item[1])]
     lines += ["steps: foot, mode, ground, touch-down s, toe-off s"]
     lines += [f"  {s.foot} {s.mode} {s.terrain:<6} {s.t_touch:8.2f} {s.t_off:8.2f}" for s in steps]
+    lengths = {name.removesuffix("_m"): 1e3 * value for name, value in vars(fitted.person.segments).items()}
+    lines += [f"lengths: {', '.join(f'{name} {value:.0f}' for name, value in lengths.items())} mm"]
     ground = "level ground" if not risers else f"risers {', '.join(f'{r:.0f}' for r in risers)} mm"
     lines += [f"terrain: {ground}" + "".join(f", tread {t:.0f} mm" for t in treads)]
     if arguments.output is not None:
@@ -52,6 +56,7 @@ def motion_command(arguments: MotionOptions, progress: Progress) -> Outcome:
         "duration_s": fitted.duration_s,
         "markers_mm": residuals,
         "rms_mm": rms,
+        "lengths_mm": lengths,
         "risers_mm": list(risers),
         "treads_mm": list(treads),
         "steps": [

@@ -60,6 +60,8 @@ def cost_of(configs: Iterable[TwinConfig]) -> Cost:
         if config.motion is None:
             way_m = lay_out(config.route).way.segments[-1].s1
             seconds = way_m / config.gait.speed_mps + 2.0 * config.gait.stand_s
+        elif config.motion.fitted_s is not None:
+            seconds = config.motion.fitted_s
         else:
             from stridetwin.sim.motion.source import apply_motion  # MuJoCo, so imported when it is needed
 

@@ -513,13 +513,15 @@ class _Motion(FileModel):
     """A recording of a person, in place of a planned walk.
 
     Attributes:
-        file: Markers (`.trc`, `.c3d`), possibly packed by gzip.
+        file: Markers (`.trc`, `.c3d`) or joint angles (`.mot`, `.sto`, `.bvh`, `.npz`), possibly packed by gzip.
+        angles: Format of joint angles; without it, the one that fits the file's name.
         markers: Set of markers; without it, the one that knows most of the names.
         places: Table of markers in place of a set, by their names in the file.
         duration_s: Length to which a short recording is looped.
     """
 
     file: Text
+    angles: Annotated[str, OneOf(("opensim", "bvh", "amass"))] | None = None
     markers: Annotated[str, OneOf(tuple(MARKER_SETS))] | None = None
     places: dict[str, _MarkerPlace] = {}  # noqa: RUF012 (pydantic copies it)
     duration_s: Annotated[Number, Field(ge=1, le=600)] | None = None
@@ -532,6 +534,7 @@ def _build_motion(motion: _Motion, info: ValidationInfo) -> Motion:
         raise field_error(motion.file, "an existing file, relative to the scenario's folder", "file")
     return Motion(
         file=str(path),
+        angles=motion.angles,
         markers=motion.markers,
         places=tuple((name, place.body, place.at_m) for name, place in motion.places.items()),
         duration_s=motion.duration_s,

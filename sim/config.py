@@ -386,18 +386,25 @@ class Motion:
     """A recording of a person that the wearer moves like.
 
     Attributes:
-        file: Path of the recording: markers (`.trc`, `.c3d`), possibly `.gz`.
+        file: Path of the recording, possibly `.gz`: markers (`.trc`, `.c3d`) or joint angles (`.mot`, `.sto`, `.bvh`,
+            `.npz`).
+        angles: Format of joint angles; None for the one that fits the file's name.
         markers: Set of markers by name; None for the one that fits the names.
         places: The user's own table in place of a set: name of each marker, body, and place in its frame, m.
         duration_s: Length to which a short recording is looped; None for its own length.
         finds_terrain: Whether the terrain follows from the rests of the feet; otherwise it is the route's.
+        given_person: The person of the scenario, once lengths are fitted; None before.
+        fitted_s: Length of the walk, once it is fitted; None before.
     """
 
     file: str
+    angles: str | None = None
     markers: str | None = None
     places: tuple[tuple[str, str, tuple[float, float, float]], ...] = ()
     duration_s: float | None = None
     finds_terrain: bool = True
+    given_person: Person | None = None
+    fitted_s: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

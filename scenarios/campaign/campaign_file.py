@@ -14,7 +14,7 @@ from typing import Annotated
 from pydantic import AfterValidator, BaseModel, Discriminator, Field, StrictInt, Tag
 
 from stridetwin.scenarios.built_in import campaigns as campaigns
-from stridetwin.scenarios.campaign.distributions import Distribution, DistributionInFile, Fixed
+from stridetwin.scenarios.campaign.distributions import Choice, Distribution, DistributionInFile, Fixed
 from stridetwin.scenarios.campaign.named_files import Base, NamedFiles, Variable, WeighedBase
 from stridetwin.scenarios.scenario_file import catalogue
 from stridetwin.sim.config import Person
@@ -229,6 +229,7 @@ class CampaignFile(BaseModel):
         sampling: Method that spreads the draws over their ranges.
         scenarios: Scenarios, by name in the catalogue or path in the campaign's folder.
         people: Groups of people; left out if the scenarios define the walkers.
+        motion: Recordings of people in the campaign's folder; each walk is played from one of them.
         set: Paths into the scenarios (`gait.speed_mps`, `terrain[1].stairs.riser_mm`), each with a value or a
             distribution.
         quality: Criteria by which walks are rejected.
@@ -242,6 +243,7 @@ class CampaignFile(BaseModel):
     sampling: Annotated[str, OneOf(SAMPLINGS)] = "sobol"
     scenarios: Annotated[tuple[WeighedBase, ...], Field(min_length=1)]
     people: Annotated[tuple[GroupInFile, ...], Field(min_length=1)] = ()
+    motion: Annotated[tuple[Text, ...], Field(min_length=1), AfterValidator(check_unique)] = ()
     set: dict[str, DistributionInFile] = {}
     quality: Quality = Quality()
     splits: Splits = Splits()
@@ -288,7 +290,7 @@ def read_campaign(path: Path) -> Campaign:
         people=tuple(
             group.with_position(data["people"][i], where.key("people").item(i)) for i, group in enumerate(file.people)
         ),
-        variables=files.variables(file.set, where.key("set")),
+        variables=(*_motion_variables(file, files, where), *files.variables(file.set, where.key("set"))),
         **{name: getattr(file, name) for name in ("walks", "seed", "sampling", "quality", "splits")},
         user_files=files.user_files,
     )
@@ -298,6 +300,15 @@ def read_campaign(path: Path) -> Campaign:
             if any(p.keys[0] == "person" for p in variable.paths):
                 raise variable.at.error(variable.name, "no person, as the campaign has people")
     return campaign
+
+
+def _motion_variables(file: CampaignFile, files: NamedFiles, where: FieldLocation) -> tuple[Variable, ...]:
+    """The recording of each walk as a variable `motion.file`; none if the campaign has no recordings."""
+    if not file.motion:
+        return ()
+    values: Distribution = Choice(choice=file.motion) if len(file.motion) > 1 else Fixed(fixed=file.motion[0])
+    (variable,) = files.variables({"motion.file": values}, where)
+    return (replace(variable, at=where.key("motion")),)
 
 
 def load_campaign(name: str | Path) -> Campaign:

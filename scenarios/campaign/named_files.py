@@ -28,8 +28,10 @@ FILES, SCENARIOS = "files", "scenarios"
 _PARSED = "parsed.yaml"  # file through which a scenario is tried
 _SUFFIXES = (".yaml", ".yml")
 _MODELS = (".xml", ".urdf")
-_OWN = (*_SUFFIXES, *_MODELS, ".stl", ".obj", ".ply")  # endings of the user's files: YAML, models and meshes
-_NAMING = ("sensors", "exo", "terrain")
+_RECORDINGS = (".trc", ".c3d", ".mot", ".sto", ".bvh", ".npz")  # of motion, also packed by gzip
+# endings of the user's files: YAML, models, meshes and recordings
+_OWN = (*_SUFFIXES, *_MODELS, ".stl", ".obj", ".ply", *_RECORDINGS, *(f"{ending}.gz" for ending in _RECORDINGS))
+_NAMING = ("sensors", "exo", "terrain", "motion")
 """Keys of a scenario that may name files."""
 
 
@@ -213,7 +215,7 @@ class NamedFiles:
         return values
 
     def with_output_names(self, node: object, where: FieldLocation, home: Path | None = None) -> object:
-        """Plain data of sensors, exoskeleton or terrain, with file names replaced by those in the output folder.
+        """Plain data of sensors, exoskeleton, terrain or motion, with file names as in the output folder.
 
         The files, and those that they name in turn, are added to `user_files`.
 

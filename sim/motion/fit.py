@@ -14,12 +14,13 @@ from stridetwin.sim.motion.ik import PointSet, calibrate, initial_coordinates, p
 from stridetwin.sim.motion.marker_sets import MarkerPlace, place_markers
 from stridetwin.sim.motion.parameters import MotionParameters
 from stridetwin.sim.motion.read import MarkerTable
-from stridetwin.sim.motion.rests import FootRest, FootTrack, find_stances
+from stridetwin.sim.motion.rests import FootRest, FootTrack, stances_of
+from stridetwin.sim.motion.segments import SegmentMotion, fit_legs, points_of
 from stridetwin.sim.motion.skeleton import Skeleton, lengths_of
 from stridetwin.sim.people import Person
 from stridetwin.sim.wearer.body import LEG_JOINTS
 from stridetwin.sim.world.terrain import Terrain
-from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
 
 SIDES = ("l", "r")
@@ -36,18 +37,22 @@ class FittedWalk:
         skeleton: The wearer without exoskeleton.
         dt: Time between two rows, s.
         x: (N, D) coordinates in the world.
+        x_unpinned: (N, D) coordinates before the soles were put on the ground; they fit the recording best.
         rests: Stances of both feet in order of time, in the world.
         ground: Heights under them, and the route.
         points: The recorded points, in the world.
+        placement: How the laboratory, with z up, lies in the world.
     """
 
     person: Person
     skeleton: Skeleton
     dt: float
     x: Array
+    x_unpinned: Array
     rests: tuple[FootRest, ...]
     ground: Ground
     points: PointSet
+    placement: RoutePlacement
 
     @property
     def duration_s(self) -> float:
@@ -92,10 +97,12 @@ def fit_markers(
     person, points = calibrate(person, points, x, parameters)
     skeleton = Skeleton.of(person)
     x = solve_coordinates(skeleton, points, x, dt, parameters)
+    whole = RoutePlacement(turn=0.0, shift=np.zeros(3))
     for _ in range(_GROUNDING_ROUNDS):  # soles that rest show where the markers of the feet are on the shoes
         feet = track_feet(skeleton, x)
-        stances = _stances_of(feet, skeleton, dt, parameters)
+        stances = stances_of(feet, skeleton.size.shoe, dt, parameters)
         placement = place_route(stances, x[:, :3])
+        whole = whole.then(placement)
         feet, stances = _to_world(placement, feet, stances)
         ground = find_ground(stances, feet, skeleton.size.shoe, parameters)
         rests = _rest_points(skeleton, stances, ground, len(x), _REST_SD_M)
@@ -105,7 +112,31 @@ def fit_markers(
         points = replace(points, places=both.places[: len(points.names)])
         skeleton = Skeleton.of(person)
         x = solve_coordinates(skeleton, points, x, dt, parameters)
-    return ground_walk(skeleton, person, points, x, dt, parameters, route)
+    fitted = ground_walk(skeleton, person, points, x, dt, parameters, route)
+    return replace(fitted, placement=whole.then(fitted.placement))
+
+
+def fit_segments(
+    motion: SegmentMotion, person: Person, route: Route | None = None, parameters: MotionParameters | None = None
+) -> FittedWalk:
+    """Fits a wearer to recorded orientations of segments, such as joint angles give.
+
+    Args:
+        motion: Orientations.
+        person: Height, mass, sex, and lengths that are known.
+        route: Terrain, if it is known; None to find it from the rests of the feet.
+        parameters: None for the usual ones.
+
+    Raises:
+        StrideTwinError: A foot never rests.
+    """
+    parameters = parameters or MotionParameters()
+    motion, person = fit_legs(motion, person, parameters)
+    skeleton = Skeleton.of(person)
+    points = points_of(motion, skeleton, parameters)
+    x = initial_coordinates(skeleton, points, motion.source)
+    x = solve_coordinates(skeleton, points, x, motion.dt, parameters)
+    return ground_walk(skeleton, person, points, x, motion.dt, parameters, route)
 
 
 def ground_walk(
@@ -130,7 +161,7 @@ def ground_walk(
     """
     shoe = skeleton.size.shoe
     feet = track_feet(skeleton, x)
-    stances = _stances_of(feet, skeleton, dt, parameters)
+    stances = stances_of(feet, skeleton.size.shoe, dt, parameters)
     placement = place_route(stances, x[:, :3])
     feet, stances = _to_world(placement, feet, stances)
     points, x = _place_points(points, placement), _place_coordinates(x, placement)
@@ -162,15 +193,17 @@ def ground_walk(
     # the legs follow the feet at once, the trunk slowly: otherwise it would be shaken by what the feet are corrected
     is_leg = np.array([name.rpartition("_")[0] in LEG_JOINTS for name in skeleton.layout.names])
     cutoffs = np.where(is_leg, parameters.cutoff_hz, parameters.follow_hz)
-    x = solve_coordinates(skeleton, points, x, dt, parameters, targets=targets, cutoffs_hz=cutoffs)
+    pinned = solve_coordinates(skeleton, points, x, dt, parameters, targets=targets, cutoffs_hz=cutoffs)
     return FittedWalk(
         person=person,
         skeleton=skeleton,
         dt=dt,
-        x=x,
+        x=pinned,
+        x_unpinned=x,
         rests=tuple(stances),
         ground=ground,
         points=points,
+        placement=placement,
     )
 
 
@@ -204,21 +237,6 @@ def _turn_up(table: MarkerTable, places: Mapping[str, MarkerPlace]) -> Array:
     if axis == 0 and up[0] > 0:
         return np.stack([table.x[..., 1], table.x[..., 2], table.x[..., 0]], axis=-1)
     raise ConfigError(table.source, "axes", f"{'xyz'[axis]} down", "an axis that points up")
-
-
-def _stances_of(
-    feet: Sequence[FootTrack], skeleton: Skeleton, dt: float, parameters: MotionParameters
-) -> list[FootRest]:
-    """Stances of both feet in order of time.
-
-    Raises:
-        StrideTwinError: A foot never rests.
-    """
-    found = {track.side: find_stances(track, skeleton.size.shoe, dt, parameters) for track in feet}
-    for side, stances in found.items():
-        if not any(stance.flat for stance in stances):
-            raise StrideTwinError(f"the {'left' if side == 'l' else 'right'} foot never lies flat and still")
-    return sorted((s for stances in found.values() for s in stances), key=lambda s: s.ground[0])
 
 
 def _to_world(

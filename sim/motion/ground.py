@@ -40,6 +40,10 @@ class RoutePlacement:
     turn: float
     shift: Array
 
+    def then(self, other: RoutePlacement) -> RoutePlacement:
+        """This placement, after which the other one is applied."""
+        return RoutePlacement(turn=self.turn + other.turn, shift=other.points(self.shift))
+
     def points(self, x: Array) -> Array:
         """(..., 3) points of the laboratory in the world."""
         return x @ self.matrix.T + self.shift

@@ -52,7 +52,8 @@ def loop_walk(
     skeleton = fitted.skeleton
     paths = skeleton.points(skeleton.poses(looped), fitted.points.bodies, fitted.points.places)
     points = replace(fitted.points, paths=paths, weights=np.full(paths.shape[:2], 1.0 / parameters.marker_sd_m))
-    return ground_walk(skeleton, fitted.person, points, looped, dt, parameters)
+    grounded = ground_walk(skeleton, fitted.person, points, looped, dt, parameters)
+    return replace(grounded, placement=fitted.placement.then(grounded.placement))
 
 
 def _find_cycle(x: Array, dt: float, source: str, parameters: MotionParameters) -> tuple[int, int]:

@@ -83,7 +83,7 @@ def read_trc(path: Path) -> MarkerTable:
     Raises:
         ConfigError: The file is not a table of markers.
     """
-    lines = _read_text(path).splitlines()
+    lines = read_text(path).splitlines()
     if len(lines) < 6 or not lines[0].startswith("PathFileType"):
         raise ConfigError(path, "line 1", lines[0][:40] if lines else "", "PathFileType, and five lines of a head")
     head = dict(zip(lines[1].split("\t"), lines[2].split("\t")))
@@ -101,7 +101,7 @@ def read_trc(path: Path) -> MarkerTable:
         cells = (cells + [""] * (2 + 3 * len(names)))[: 2 + 3 * len(names)]
         rows.append([_to_number(path, f"line {number}", cell) for cell in cells])
     table = np.array(rows, dtype=float).reshape(len(rows), -1)
-    _check_length(path, len(table))
+    check_length(path, len(table))
     x = table[:, 2:].reshape(len(table), len(names), 3) * _UNITS_M[unit]
     x[np.all(x == 0.0, axis=2)] = np.nan
     return _to_markers(path, names, table[:, 1], x)
@@ -149,7 +149,7 @@ def _read_c3d(source: Path, path: Path, ezc3d: object) -> MarkerTable:
     residuals = content["data"].get("meta_points", {}).get("residuals")
     if residuals is not None and np.size(residuals):
         x[np.asarray(residuals)[0, : len(names)].T < 0.0] = np.nan
-    _check_length(source, len(x))
+    check_length(source, len(x))
     return _to_markers(source, names, np.arange(len(x)) / rate, x)
 
 
@@ -159,7 +159,7 @@ def read_number_table(path: Path) -> NumberTable:
     Raises:
         ConfigError: The file has no head, or cells that are no numbers.
     """
-    lines = _read_text(path).splitlines()
+    lines = read_text(path).splitlines()
     ends = [i for i, line in enumerate(lines) if line.strip().lower() == "endheader"]
     if not ends or ends[0] + 2 > len(lines):
         raise ConfigError(path, "", lines[0][:40] if lines else "", "a head that ends with a line endheader")
@@ -176,7 +176,7 @@ def read_number_table(path: Path) -> NumberTable:
             raise ConfigError(path, f"line {number}", len(cells), f"{len(names)} numbers")
         rows.append([_to_number(path, f"line {number}", cell) for cell in cells])
     table = np.array(rows, dtype=float).reshape(len(rows), len(names))
-    _check_length(path, len(table))
+    check_length(path, len(table))
     t, values = table[:, 0], table[:, 1:]
     if not (np.isfinite(t).all() and (np.diff(t) > 0.0).all()):
         raise ConfigError(path, "time", t[:3].tolist(), "increasing s")
@@ -216,7 +216,7 @@ def _to_markers(source: Path, names: Sequence[str], t: Array, x: Array) -> Marke
     )
 
 
-def _check_length(path: Path, frames: int) -> None:
+def check_length(path: Path, frames: int) -> None:
     """Rejects a table that is too short to be a walk."""
     if frames < _MIN_FRAMES:
         raise ConfigError(path, "frames", frames, f"at least {_MIN_FRAMES}")
@@ -251,6 +251,6 @@ def _read_bytes(path: Path) -> bytes:
     return content
 
 
-def _read_text(path: Path) -> str:
+def read_text(path: Path) -> str:
     """Text of a file, unpacked if its name ends in `.gz`; characters that are no UTF-8 become question marks."""
     return io.TextIOWrapper(io.BytesIO(_read_bytes(path)), encoding="utf-8", errors="replace").read()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from stridetwin.sim.motion.parameters import MotionParameters
 from stridetwin.sim.wearer.dimensions import Shoe
+from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.samples import Array
 
 Span = tuple[int, int]
@@ -112,6 +114,19 @@ def find_stances(track: FootTrack, shoe: Shoe, dt: float, parameters: MotionPara
             )
         )
     return _without_overlap(stances)
+
+
+def stances_of(feet: Sequence[FootTrack], shoe: Shoe, dt: float, parameters: MotionParameters) -> list[FootRest]:
+    """Stances of both feet in order of time.
+
+    Raises:
+        StrideTwinError: A foot never rests.
+    """
+    found = {track.side: find_stances(track, shoe, dt, parameters) for track in feet}
+    for side, stances in found.items():
+        if not any(stance.flat for stance in stances):
+            raise StrideTwinError(f"the {'left' if side == 'l' else 'right'} foot never lies flat and still")
+    return sorted((s for stances in found.values() for s in stances), key=lambda s: s.ground[0])
 
 
 def _rest_pose(
