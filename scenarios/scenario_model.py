@@ -395,8 +395,14 @@ def _check_on_shoe(position_m: tuple[float, float, float] | None) -> tuple[float
     return position_m
 
 
-def _group_type(group: str) -> Any:
-    """Pydantic type of a sensor group in a file: `true`, `false`, the name of a part, or a mapping of options."""
+def _group_type(group: str, name: str = "", own_options: tuple[str, ...] | None = None) -> Any:
+    """Pydantic type of a sensor group in a file: `true`, `false`, the name of a part, or a mapping of options.
+
+    Args:
+        group: The group.
+        name: Name of the mapping in the schema; "" for that of the group.
+        own_options: Attributes beside those that all groups have; None for those of the group.
+    """
     hints = get_type_hints(SensorConfig, include_extras=True)  # type of each option, some of them narrowed below
     if group not in _CALIBRATED_CLOCKS:
         hints["clock"] = Annotated[Clock, AfterValidator(_check_uncalibrated)]
@@ -408,12 +414,12 @@ def _group_type(group: str) -> Any:
     if group == "body_imu":
         hints["position_m"] = Annotated[tuple[_OnSegment, _OnSegment, _OnSegment], Field(alias="position_mm")]
     # None stands for an option that the file does not give
-    names = (*_COMMON_OPTIONS, *_OPTIONS.get(group, ()))
+    names = (*_COMMON_OPTIONS, *(_OPTIONS.get(group, ()) if own_options is None else own_options))
     fields: dict[str, Any] = {
         "part": (Annotated[Any, BeforeValidator(partial(_read_sensor_part, group), json_schema_input_type=str)], None)
     }
     fields |= {name: (hints[name], None) for name in names}
-    model = create_model(group, __base__=FileModel, **fields)
+    model = create_model(name or group, __base__=FileModel, **fields)
     descriptions = attribute_descriptions(SensorConfig)
     model.__doc__ = "Options of a group.\n\nAttributes:\n" + "".join(f"    {n}: {descriptions[n]}\n" for n in fields)
     options: Any = Annotated[model, BeforeValidator(_part_as_keys, json_schema_input_type=str | model)]
@@ -430,11 +436,19 @@ def _part_as_keys(node: object) -> object:
     return {"part": node} if isinstance(node, str) else node
 
 
-def _sensor_config(options: BaseModel) -> SensorConfig:
-    """The configuration of a group: that of its part, with the keys that the file sets in place of the part's."""
+def _sensor_config(options: BaseModel, base: SensorConfig | None = None) -> SensorConfig:
+    """The configuration of a group: that of its part, with the keys that the file sets in place of the part's.
+
+    Args:
+        options: What the file says.
+        base: Configuration that holds where the file says nothing; None for the standard one.
+    """
     values = {name: getattr(options, name) for name in options.model_fields_set}
-    part: SensorConfig = values.pop("part", SensorConfig())
-    return replace(part, **values)
+    part: SensorConfig | None = values.pop("part", None)
+    config = base or SensorConfig()
+    if part is not None:
+        config = replace(config, part=part.part, ideal=part.ideal)
+    return replace(config, **values)
 
 
 def _sensors_of_names(names: tuple[str, ...]) -> Sensors:
@@ -457,16 +471,24 @@ def _sensors_of_groups(groups: BaseModel) -> Sensors:
     )
 
 
-def _worn_places(places: BaseModel) -> SensorConfig:
-    """The configuration of the IMUs on the body from what the file says of each place; others have none."""
+def _worn_places(places: Any) -> SensorConfig:
+    """The configuration of the IMUs on the body from what the file says of each place; others have none.
+
+    What it says of every IMU holds where a place says nothing else; without any place, all of them have one.
+    """
+    if places.every is False:
+        raise field_error(False, "true, a part, or options; body_imu: false has none at all", "every")
+    base = _sensor_config(places.every) if isinstance(places.every, BaseModel) else SensorConfig()
     values = {name: getattr(places, name) for name in BODY_PLACES if name in places.model_fields_set}
+    if not values and "every" in places.model_fields_set:
+        values = dict.fromkeys(BODY_PLACES, True)
     for name, value in values.items():
         if getattr(value, "strike", None) and body_of(name).startswith("foot_"):
             valid = "0 on a shoe, whose upper vibrates with shock: true"
             raise field_error(round(value.strike / G, 6), valid, name, "strike_g")
     return SensorConfig(
         places={
-            name: _sensor_config(value) if isinstance(value, BaseModel) else SensorConfig()
+            name: _sensor_config(value, base) if isinstance(value, BaseModel) else base
             for name, value in values.items()
             if value is not False
         }
@@ -475,10 +497,12 @@ def _worn_places(places: BaseModel) -> SensorConfig:
 
 _place_type = _group_type("body_imu")
 _place_fields: dict[str, Any] = {place: (_place_type, None) for place in BODY_PLACES}
+_place_fields["every"] = (_group_type("body_imu", "every_body_imu", ("population",)), None)
 _Places: Any = create_model("BodyImus", __base__=FileModel, **_place_fields)
 _Places.__doc__ = "IMUs on the body by place; places that are not named have none.\n\nAttributes:\n" + "".join(
     f"    {place}: IMU there: on, the name of its part, or its options.\n" for place in BODY_PLACES
 )
+_Places.__doc__ += "    every: Part or options of all IMUs, where a place does not name others.\n"
 _BodyImus = Annotated[
     Annotated[StrictBool, Tag("=switch")] | Annotated[_Places, AfterValidator(_worn_places), Tag("=places")],
     Discriminator(lambda node: "=switch" if isinstance(node, bool) else "=places"),

@@ -134,6 +134,8 @@ def test_a_camera_may_be_off_its_imu_by_a_tenth_of_a_second(offset_s):
             ["sensors.body_imu.heel_l.strike_g: invalid 1", "0 on a shoe"],
         ),
         ({"body_imu": 3}, ["sensors.body_imu: invalid 3", "true, false, or keys pelvis"]),
+        ({"body_imu": {"every": False, "head": True}}, ["sensors.body_imu.every: invalid False", "a part, or options"]),
+        ({"body_imu": {"every": {"position_mm": [0, 0, 0]}}}, ["sensors.body_imu.every: invalid 'position_mm'"]),
         ({"body_imu": {"thigh_l": "SRF08"}}, ["sensors.body_imu.thigh_l: invalid 'SRF08'", "of kind imu"]),
         (
             {"body_imu": {"thigh_l": {"position_mm": [0, 0, -700]}}},
@@ -212,4 +214,11 @@ def test_imus_on_the_body_are_named_by_place_and_each_has_its_own_options():
     assert worn.sensors["/body/head/imu"].part.gyroscope.noise_density == 0
     assert "/foot_l/imu" in worn.rig.imus
     assert not [topic for topic in fitted({"body_imu": False}).rig.imus if "/body/" in topic]
+    suit = fitted({"body_imu": {"every": {"part": "MTw-uncalibrated", "rate_hz": 60}, "head": True, "chest": "BMI055"}})
+    rates = {topic: imu.rate_hz for topic, imu in suit.rig.imus.items() if "/body/" in topic}
+    assert rates == {"/body/chest/imu": 60, "/body/head/imu": 60}
+    assert "MTw" in suit.rig.imus["/body/head/imu"].part
+    assert "BMI055" in suit.rig.imus["/body/chest/imu"].part
+    all_of_one = fitted({"body_imu": {"every": {"population": "consumer"}}})
+    assert [s.sensor_config.population for t, s in all_of_one.sensors.items() if "/body/" in t] == ["consumer"] * 19
     assert list(fitted(["body_imu"]).rig.imus) == [f"/body/{place}/imu" for place in BODY_PLACES]
