@@ -26,6 +26,7 @@ class MotionParameters:
         still_mps: Speed below which a point of the sole rests.
         moving_mps: Speed above which it has certainly left its rest.
         min_rest_s: Shortest rest.
+        flat_m: Height of the heel over the ball, beyond the usual one in a rest, from which a sole is no longer flat.
         same_place_m, same_rest_s: Way and time of a foot between two rests that are still one.
         max_rise_m: Height above its stance at which a point is no longer on the ground.
         ramp_s: Time in which a foot passes from its recorded path to its rest.
@@ -52,6 +53,7 @@ class MotionParameters:
     still_mps: float = 0.25
     moving_mps: float = 0.60
     min_rest_s: float = 0.06
+    flat_m: float = 0.004
     same_place_m: float = 0.04
     same_rest_s: float = 0.30
     max_rise_m: float = 0.012
