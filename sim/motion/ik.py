@@ -20,12 +20,13 @@ from stridetwin.sim.motion.parameters import MotionParameters
 from stridetwin.sim.motion.read import MarkerTable
 from stridetwin.sim.motion.skeleton import LENGTHS, LengthChanges, Skeleton, length_values, lengths_of, with_lengths
 from stridetwin.sim.people import Person
+from stridetwin.sim.wearer.body import LEG_JOINTS
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
 
 _CHUNK = 256  # frames whose Jacobians are held at once
 _STATURE_M = 1.741  # of the person for whom the sets of markers are written
-_INDEPENDENT_FRAMES = 20.0  # a skin marker's error changes slowly: frames of a walk whose errors are independent
+_INDEPENDENT_FRAMES = 4.0  # skin moves with the posture and returns with it: frames whose errors are independent
 _LENGTH_SD = {"hip_width_m": 0.01, "trunk_m": 0.05, "ankle_height_m": 0.012, "shoe_m": 0.015}
 _USUAL_LENGTH_SD_M = 0.03
 _LENGTH_LIMITS_M = {
@@ -168,7 +169,7 @@ def solve_coordinates(
     parameters: MotionParameters,
     rounds: int | None = None,
     targets: PointSet | None = None,
-    cutoffs_hz: Array | None = None,
+    follow_hz: Array | None = None,
 ) -> Array:
     """(N, D) coordinates that fit the paths of points best, smooth in time.
 
@@ -180,7 +181,7 @@ def solve_coordinates(
         parameters: Scatter, smoothing and number of steps.
         rounds: Number of steps, if it is another one.
         targets: Further points, whose paths are smooth already, so that they do not decide how much is smoothed.
-        cutoffs_hz: (D,) if given, not the coordinates are smoothed but their differences from those to begin with, each
+        follow_hz: (D,) if given, not the coordinates are smoothed but their differences from those to begin with, each
             with its own frequency.
     """
     start = x
@@ -191,13 +192,20 @@ def solve_coordinates(
         if smoothing is None:
             typical = np.mean(H, axis=0)  # of positive definite matrices, hence positive definite
             information = 1.0 / np.diag(np.linalg.inv(typical))
-            cutoffs = parameters.cutoff_hz if cutoffs_hz is None else cutoffs_hz
+            usual = cutoffs_of(skeleton, parameters.cutoff_hz, parameters.trunk_cutoff_hz)
+            cutoffs = usual if follow_hz is None else follow_hz
             smoothing = information * (2.0 * np.pi * cutoffs * dt) ** -6
         if targets is not None:
             H_targets, g_targets = _point_equations(skeleton, targets, x, parameters)
             H, g = H + H_targets, g + g_targets
-        x = x + _solve_smooth(H, g, x if cutoffs_hz is None else x - start, smoothing)
+        x = x + _solve_smooth(H, g, x if follow_hz is None else x - start, smoothing)
     return x
+
+
+def cutoffs_of(skeleton: Skeleton, leg_hz: float, trunk_hz: float) -> Array:
+    """(D,) Hz, one frequency for the joints of the legs, and one for all other coordinates."""
+    is_leg = np.array([name.rpartition("_")[0] in LEG_JOINTS for name in skeleton.layout.names])
+    return np.where(is_leg, leg_hz, trunk_hz)
 
 
 def calibrate(

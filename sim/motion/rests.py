@@ -91,7 +91,9 @@ def find_stances(track: FootTrack, shoe: Shoe, dt: float, parameters: MotionPara
         if heel_rest is None and ball_rest is None:
             continue
         both = (max(heel_rest[0], ball_rest[0]), min(heel_rest[1], ball_rest[1])) if heel_rest and ball_rest else (0, 0)
-        flat = _flat_part(heel[:, 2] - ball[:, 2], both, shortest, parameters) if both[1] - both[0] >= shortest else None
+        flat = (
+            _flat_part(heel[:, 2] - ball[:, 2], both, shortest, parameters) if both[1] - both[0] >= shortest else None
+        )
         if flat is not None:  # the heel that has begun to rise, and the ball that still comes down, do not rest
             assert heel_rest is not None
             assert ball_rest is not None
