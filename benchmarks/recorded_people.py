@@ -5,9 +5,9 @@ the real recordings (`benchmarks.real_walks`). The force that a motion needs is 
 acceleration of the whole body's centre. It is compared in those times in which every foot on the ground stands on
 plates: a stance does if, while the foot stands alone, the centre of pressure of all plates lies within its sole and
 their force is at least `_LEAST_LOAD` of the body weight; a foot that never stands alone needs a plate of its own.
-Forces are in body weights; the body weight is the one with which the motion fits the plates best in these times.
-The walk is also fitted to the joint angles that the laboratory computed, and its soles are compared with those by
-markers. Nothing but the person's height is given.
+Forces are in body weights; the body weight is the one with which the motion fits the plates best in these times. What
+is left if the plates' clock is late is given, too. The walk is also fitted to the joint angles that the laboratory
+computed, and its soles are compared with those by markers. Nothing but the person's height is given.
 """
 
 from __future__ import annotations
@@ -56,6 +56,7 @@ _ON_PLATE_SHARE = 0.95  # of the time of a single support
 _LOW_M, _SLOW_MPS = 0.03, 0.6  # of a corner of a sole that may press on the ground
 _UNSURE_S = 0.04  # by which touch-downs and toe-offs of the fit may be wrong
 _ENDS_S = 0.04  # at both ends of a recording, three time constants of the filter of 12 Hz
+_MOST_DELAY_S = 0.03  # of plates whose clock is not that of the cameras
 _ACCELERATION_STEP_S = 0.001
 
 
@@ -162,6 +163,22 @@ def compare_force(motion: Array, plates: Array) -> tuple[float, float, float]:
     return weight, float(np.sqrt(np.mean((motion - plates / weight) ** 2))), float(np.corrcoef(motion, plates)[0, 1])
 
 
+def find_delay(motion: Array, plates: Array, rows: NDArray[np.bool_], dt: float) -> tuple[float, float, float]:
+    """Delay of the plates in s, up to `_MOST_DELAY_S`, with which the forces differ least; RMS and r with it.
+
+    Args:
+        motion: (N,) body weights.
+        plates: (N,) N.
+        rows: (N,) times that count.
+        dt: Time between two rows, s.
+    """
+    t = np.arange(len(motion)) * dt
+    delays = np.arange(-_MOST_DELAY_S, _MOST_DELAY_S + 1e-9, 0.001)
+    fits = [compare_force(motion[rows], np.interp(t + delay, t, plates)[rows])[1:] for delay in delays]
+    best = min(range(len(fits)), key=lambda k: fits[k][0])
+    return float(delays[best]), *fits[best]
+
+
 def measure_soles(walk: FittedWalk) -> dict[str, float]:
     """Slide of heel and ball in flat rests, mm, and depth of the deepest corner of the soles in the ground, mm."""
     terrain, shoe = Terrain.from_route(walk.ground.route), walk.skeleton.size.shoe
@@ -200,6 +217,8 @@ def measure_walk(walk: FittedWalk, plates: NumberTable | None, begin_s: float) -
             motion = vertical_force(walk.skeleton, walk.person, x, walk.dt)
             weight, rms, r = compare_force(motion[rows], at.up.sum(1)[rows])
             figures |= {f"{name}_rms_bw": rms, f"{name}_r": r, f"{name}_mass_kg": weight / NOMINAL_GRAVITY_MPS2}
+        delay_s, rms, r = find_delay(motion, at.up.sum(1), rows, walk.dt)
+        figures |= {"plates_delay_ms": 1e3 * delay_s, "force_delayed_rms_bw": rms, "force_delayed_r": r}
     return figures
 
 
