@@ -29,6 +29,7 @@ _STATURE_M = 1.741  # of the person for whom the sets of markers are written
 _INDEPENDENT_FRAMES = 4.0  # skin moves with the posture and returns with it: frames whose errors are independent
 _LENGTH_SD = {"hip_width_m": 0.01, "trunk_m": 0.05, "ankle_height_m": 0.012, "shoe_m": 0.015}
 _USUAL_LENGTH_SD_M = 0.03
+_FITTED_M = 2e-4  # largest change of a length or place in the last step
 _LENGTH_LIMITS_M = {
     "thigh_m": (0.28, 0.56), "shank_m": (0.28, 0.56), "ankle_height_m": (0.06, 0.15), "hip_width_m": (0.11, 0.24),
     "trunk_m": (0.60, 1.05), "shoulder_width_m": (0.24, 0.50), "upper_arm_m": (0.20, 0.40),
@@ -239,7 +240,7 @@ def calibrate(
     low, high = np.array([_LENGTH_LIMITS_M[name] for name in LENGTHS]).T
     prior_precision = np.concatenate([length_sd**-2, np.repeat(points.sd_m[free], 3) ** -2])
     share = min(1.0, _INDEPENDENT_FRAMES / len(frames))
-    changes = LengthChanges.of(person)
+    changes = LengthChanges.of(lengths_of(replace(person, segments=None, shoe_m=None)))  # the same for all lengths
     L = len(LENGTHS)
     for _ in range(rounds or parameters.calibration_rounds):
         person = with_lengths(person, lengths)
@@ -249,13 +250,16 @@ def calibrate(
         H, g, cross, shared, shared_g = _shared_equations(skeleton, points, changes, free, x, prior, parameters)
         off = np.concatenate([lengths - start_lengths, (places - start_places)[free].ravel()])
         solved = np.linalg.solve(H, np.concatenate([cross, g[..., None]], axis=2))
-        reduced = share * (shared - np.einsum("nda,ndb->ab", cross, solved[..., :-1])) + np.diag(prior_precision)
-        right = share * (shared_g - np.einsum("nda,nd->a", cross, solved[..., -1])) - prior_precision * off
+        eliminated = cross.reshape(-1, cross.shape[2]).T @ solved.reshape(-1, solved.shape[2])
+        reduced = share * (shared - eliminated[:, :-1]) + np.diag(prior_precision)
+        right = share * (shared_g - eliminated[:, -1]) - prior_precision * off
         step = np.linalg.solve(reduced, right)
         x = x + solved[..., -1] - solved[..., :-1] @ step
         lengths = np.clip(lengths + step[:L], low, high)
         places = places.copy()
         places[free] += step[L:].reshape(-1, 3)
+        if np.abs(step).max() < _FITTED_M:
+            break
     return with_lengths(person, lengths), replace(points_all, places=places)
 
 
@@ -343,7 +347,8 @@ def _shared_equations(
     by_shared[..., :L] = changes.jacobian(skeleton, poses, points.bodies)
     for k, marker in enumerate(free):
         by_shared[:, marker, :, L + 3 * k : L + 3 * k + 3] = poses.R[:, points.bodies[marker]]
-    K = (by_shared * w[..., None, None]).reshape(n, -1, S)
+    by_shared *= w[..., None, None]
+    K = by_shared.reshape(n, -1, S)
     H, g = np.swapaxes(J, 1, 2) @ J, np.einsum("nkd,nk->nd", J, e)
     _add_priors(skeleton, x, prior, parameters, H, g)
     diagonal = np.arange(6)
