@@ -1,12 +1,12 @@
 """Recorded people in the twin: markers, soles on the ground, terrain, and the vertical force against force plates.
 
-`python -m benchmarks.recorded_people [NAME ...] [--height 1.75] [--json]`. The recordings are those of `mocap` among
-the real recordings (`benchmarks.real_walks`). The force that a motion needs is the mass times gravity and the vertical
-acceleration of the whole body's centre. It is compared in those times in which every foot on the ground stands on
-plates: a stance does if, while the foot stands alone, the centre of pressure of all plates lies within its sole and
-their force is at least `_LEAST_LOAD` of the body weight; a foot that never stands alone needs a plate of its own.
-Forces are in body weights; the body weight is the one with which the motion fits the plates best in these times. What
-is left if the plates' clock is late is given, too. The walk is also fitted to the joint angles that the laboratory
+`python -m benchmarks.recorded_people [NAME ...] [--height 1.75] [--loop 60] [--json]`. The recordings are those of
+`mocap` among the real recordings (`benchmarks.real_walks`). The force that a motion needs is the mass times gravity and
+the vertical acceleration of the whole body's centre. It is compared in those times in which every foot on the ground
+stands on plates: a stance does if, while the foot stands alone, the centre of pressure of all plates lies within its
+sole and their force is at least `_LEAST_LOAD` of the body weight; a foot that never stands alone needs a plate of its
+own. Forces are in body weights; the body weight is the one with which the motion fits the plates best in these times.
+What is left if the plates' clock is late is given, too. The walk is also fitted to the joint angles that the laboratory
 computed, and its soles are compared with those by markers. Nothing but the person's height is given.
 """
 
@@ -27,7 +27,7 @@ from scipy.ndimage import binary_dilation
 
 from benchmarks.command import answer, command
 from benchmarks.real_walks import data_folder
-from stridetwin.sim.config import SIDES, Person
+from stridetwin.sim.config import SIDES, Level, Motion, Person, Route, TwinConfig
 from stridetwin.sim.motion.feet import sole_points
 from stridetwin.sim.motion.fit import FittedWalk, fit_markers, fit_segments, track_feet
 from stridetwin.sim.motion.ik import point_errors
@@ -35,12 +35,14 @@ from stridetwin.sim.motion.opensim import read_opensim
 from stridetwin.sim.motion.read import NumberTable, read_markers, read_number_table
 from stridetwin.sim.motion.rests import FootTrack
 from stridetwin.sim.motion.skeleton import Skeleton
+from stridetwin.sim.motion.source import apply_motion
+from stridetwin.sim.twin import Twin
 from stridetwin.sim.wearer.body import add_wearer, compile_model
 from stridetwin.sim.wearer.dimensions import Shoe
 from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
-from stridetwin.streams.samples import Array
+from stridetwin.streams.samples import Array, Block, Imu
 
 RECORDINGS = ("stair_up", "opencap_walking", "level_turn")
 ASKED: dict[str, dict[str, float]] = {
@@ -236,12 +238,47 @@ def measure(arguments: Namespace) -> dict[str, Any]:
         ms = 1e3 * (time.perf_counter() - begin) / len(table.t)
         plates = _read_plates(path.with_name(f"{name}_grf.mot.gz"))
         summary[name] = measure_walk(walk, plates, float(table.t[0])) | {"ms_per_frame": ms}
+        if arguments.loop:
+            person = Person(height_m=arguments.height)
+            summary[name] |= measure_loop(path, person, walk, arguments.loop)
         angles = path.with_name(f"{name}_ik.mot.gz")
         if angles.exists():
             person = Person(height_m=arguments.height)
             by_angles = fit_segments(read_opensim(read_number_table(angles), person), person)
             summary[name] |= compare_soles(walk, by_angles)
     return {"experiment": "recorded_people", "summary": summary, "band": ASKED, "paper": {}, "cases": []}
+
+
+def measure_loop(path: Path, person: Person, own: FittedWalk, duration_s: float) -> dict[str, float]:
+    """Largest accelerations of a loop over those of its recording, and what its IMUs measure; every sensor but cameras.
+
+    Args:
+        path: The recording.
+        person: The person.
+        own: The recording itself.
+        duration_s: Length of the loop.
+    """
+    config = TwinConfig(
+        name=path.name,
+        route=Route(segments=(Level(length_m=1.0),)),
+        person=person,
+        motion=Motion(file=str(path), duration_s=duration_s),
+        sensors=tuple(group for group in TwinConfig.sensors if "camera" not in group),
+    )
+    config, looped = apply_motion(config)
+    most = [np.abs(np.diff(walk.x, 2, axis=0)).max(0) / walk.dt**2 for walk in (own, looped)]
+    figures = {
+        "loop_s": looped.duration_s,
+        "loop_pelvis_over_own": float(most[1][:3].max() / most[0][:3].max()),
+        "loop_joints_over_own": float(most[1][6:].max() / most[0][6:].max()),
+    }
+    peaks: dict[str, float] = {}
+    for blocks in Twin(config, 1000).blocks():
+        for block in blocks:
+            if isinstance(block, Block) and block.kind is Imu:
+                force = float(np.linalg.norm(block.columns["specific_force"], axis=1).max())
+                peaks[block.topic] = max(peaks.get(block.topic, 0.0), force)
+    return figures | {f"loop_peak{topic.replace('/', '_')}_mps2": peak for topic, peak in sorted(peaks.items())}
 
 
 def compare_soles(by_markers: FittedWalk, by_angles: FittedWalk) -> dict[str, float]:
@@ -291,6 +328,7 @@ def main() -> int:
     parser = command(__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(RECORDINGS)}")
     parser.add_argument("--height", type=float, default=1.75, help="of the person, m")
+    parser.add_argument("--loop", type=float, default=0.0, metavar="S", help="also loop to this length, with sensors")
     return answer(parser, measure, show)
 
 
