@@ -142,11 +142,11 @@ def stances_of(feet: Sequence[FootTrack], shoe: Shoe, dt: float, parameters: Mot
     Raises:
         StrideTwinError: A foot never rests.
     """
-    found = {track.side: find_stances(track, shoe, dt, parameters) for track in feet}
-    for side, stances in found.items():
+    stances_by_side = {track.side: find_stances(track, shoe, dt, parameters) for track in feet}
+    for side, stances in stances_by_side.items():
         if not any(stance.flat for stance in stances):
             raise StrideTwinError(f"the {'left' if side == 'l' else 'right'} foot never lies flat and still")
-    return sorted((s for stances in found.values() for s in stances), key=lambda s: s.ground[0])
+    return sorted((s for stances in stances_by_side.values() for s in stances), key=lambda s: s.ground[0])
 
 
 def _rest_pose(
