@@ -30,13 +30,14 @@ class ViconWalk:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MarkerWalk:
-    """One foot of `dual_foot_walk`: samples, and markers (M, 3) m at times (M,) s."""
+    """One foot of `dual_foot_walk`: samples, and markers (M, 3) m at times (M,) s; `side` is the fifth metatarsal's."""
 
     name: str
     imu: Block[Imu]
     t: Array
     heel: Array
     toe: Array
+    side: Array
 
     @property
     def middle(self) -> Array:
@@ -88,6 +89,18 @@ def stance_error(t: Array, path: Array, truth: MarkerWalk) -> tuple[float, float
         path: (N, 3) m.
         truth: Markers.
     """
+    error, height = match_rests(t, path, truth)
+    return float(np.sqrt((error**2).sum(1).mean())), height
+
+
+def match_rests(t: Array, path: Array, truth: MarkerWalk) -> tuple[Array, float]:
+    """(K, 2) m, errors at the K rests after the best translation, rotation and offset in the foot; end height error, m.
+
+    Args:
+        t: (N,) s.
+        path: (N, 3) m.
+        truth: Markers.
+    """
     k = rests(truth)
     e = np.column_stack([np.interp(truth.t[k], t, path[:, i]) for i in range(3)])
     g = truth.middle[k]
@@ -102,7 +115,7 @@ def stance_error(t: Array, path: Array, truth: MarkerWalk) -> tuple[float, float
         offset = np.array([np.mean((moved * along).sum(1)), np.mean((moved * across).sum(1))])
         error = moved - along * offset[0] - across * offset[1]
     height = (e[-1, 2] - e[0, 2]) - (g[-1, 2] - g[0, 2])
-    return float(np.sqrt((error**2).sum(1).mean())), float(height)
+    return error, float(height)
 
 
 def turned(xy: Array, angle: float) -> Array:
@@ -157,6 +170,7 @@ def load_markers(folder: Path) -> list[MarkerWalk]:
             t=np.arange(len(mocap)) / 100.0,
             heel=pick(names, mocap, f"{side[0].upper()}_FCC ") / 1000.0,
             toe=pick(names, mocap, f"{side[0].upper()}_TOE ") / 1000.0,
+            side=pick(names, mocap, f"{side[0].upper()}_FM5 ") / 1000.0,
         )
         for side in ("left", "right")
     ]

@@ -1,13 +1,13 @@
 """Recorded people in the twin: markers, soles on the ground, terrain, and the vertical force against force plates.
 
-`python -m benchmarks.recorded_people [NAME ...] [--height 1.75] [--json]`. The recordings are those of `mocap` among
-the real recordings (`benchmarks.real_walks`). The force that a motion needs is the mass times gravity and the vertical
-acceleration of the whole body's centre. It is compared in those times in which every foot on the ground stands on
-plates: a stance does if, while the foot stands alone, the centre of pressure of all plates lies within its sole and
-their force is at least `_LEAST_LOAD` of the body weight; a foot that never stands alone needs a plate of its own.
-Forces are in body weights; the body weight is the one with which the motion fits the plates best in these times.
-The walk is also fitted to the joint angles that the laboratory computed, and its soles are compared with those by
-markers. Nothing but the person's height is given.
+`python -m benchmarks.recorded_people [NAME ...] [--height 1.75] [--loop 60] [--json]`. The recordings are those of
+`mocap` among the real recordings (`benchmarks.real_walks`). The force that a motion needs is the mass times gravity and
+the vertical acceleration of the whole body's centre. It is compared in those times in which every foot on the ground
+stands on plates: a stance does if, while the foot stands alone, the centre of pressure of all plates lies within its
+sole and their force is at least `_LEAST_LOAD` of the body weight; a foot that never stands alone needs a plate of its
+own. Forces are in body weights; the body weight is the one with which the motion fits the plates best in these times.
+What is left if the plates' clock is late is given, too. The walk is also fitted to the joint angles that the laboratory
+computed, and its soles are compared with those by markers. Nothing but the person's height is given.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from scipy.ndimage import binary_dilation
 
 from benchmarks.command import answer, command
 from benchmarks.real_walks import data_folder
-from stridetwin.sim.config import SIDES, Person
+from stridetwin.sim.config import SIDES, Level, Motion, Person, Route, TwinConfig
 from stridetwin.sim.motion.feet import sole_points
 from stridetwin.sim.motion.fit import FittedWalk, fit_markers, fit_segments, track_feet
 from stridetwin.sim.motion.ik import point_errors
@@ -35,12 +35,14 @@ from stridetwin.sim.motion.opensim import read_opensim
 from stridetwin.sim.motion.read import NumberTable, read_markers, read_number_table
 from stridetwin.sim.motion.rests import FootTrack
 from stridetwin.sim.motion.skeleton import Skeleton
+from stridetwin.sim.motion.source import apply_motion
+from stridetwin.sim.twin import Twin
 from stridetwin.sim.wearer.body import add_wearer, compile_model
 from stridetwin.sim.wearer.dimensions import Shoe
 from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
-from stridetwin.streams.samples import Array
+from stridetwin.streams.samples import Array, Block, Imu
 
 RECORDINGS = ("stair_up", "opencap_walking", "level_turn")
 ASKED: dict[str, dict[str, float]] = {
@@ -56,6 +58,7 @@ _ON_PLATE_SHARE = 0.95  # of the time of a single support
 _LOW_M, _SLOW_MPS = 0.03, 0.6  # of a corner of a sole that may press on the ground
 _UNSURE_S = 0.04  # by which touch-downs and toe-offs of the fit may be wrong
 _ENDS_S = 0.04  # at both ends of a recording, three time constants of the filter of 12 Hz
+_MOST_DELAY_S = 0.03  # of plates whose clock is not that of the cameras
 _ACCELERATION_STEP_S = 0.001
 
 
@@ -162,6 +165,22 @@ def compare_force(motion: Array, plates: Array) -> tuple[float, float, float]:
     return weight, float(np.sqrt(np.mean((motion - plates / weight) ** 2))), float(np.corrcoef(motion, plates)[0, 1])
 
 
+def find_delay(motion: Array, plates: Array, rows: NDArray[np.bool_], dt: float) -> tuple[float, float, float]:
+    """Delay of the plates in s, up to `_MOST_DELAY_S`, with which the forces differ least; RMS and r with it.
+
+    Args:
+        motion: (N,) body weights.
+        plates: (N,) N.
+        rows: (N,) times that count.
+        dt: Time between two rows, s.
+    """
+    t = np.arange(len(motion)) * dt
+    delays = np.arange(-_MOST_DELAY_S, _MOST_DELAY_S + 1e-9, 0.001)
+    fits = [compare_force(motion[rows], np.interp(t + delay, t, plates)[rows])[1:] for delay in delays]
+    best = min(range(len(fits)), key=lambda k: fits[k][0])
+    return float(delays[best]), *fits[best]
+
+
 def measure_soles(walk: FittedWalk) -> dict[str, float]:
     """Slide of heel and ball in flat rests, mm, and depth of the deepest corner of the soles in the ground, mm."""
     terrain, shoe = Terrain.from_route(walk.ground.route), walk.skeleton.size.shoe
@@ -200,6 +219,8 @@ def measure_walk(walk: FittedWalk, plates: NumberTable | None, begin_s: float) -
             motion = vertical_force(walk.skeleton, walk.person, x, walk.dt)
             weight, rms, r = compare_force(motion[rows], at.up.sum(1)[rows])
             figures |= {f"{name}_rms_bw": rms, f"{name}_r": r, f"{name}_mass_kg": weight / NOMINAL_GRAVITY_MPS2}
+        delay_s, rms, r = find_delay(motion, at.up.sum(1), rows, walk.dt)
+        figures |= {"plates_delay_ms": 1e3 * delay_s, "force_delayed_rms_bw": rms, "force_delayed_r": r}
     return figures
 
 
@@ -217,12 +238,47 @@ def measure(arguments: Namespace) -> dict[str, Any]:
         ms = 1e3 * (time.perf_counter() - begin) / len(table.t)
         plates = _read_plates(path.with_name(f"{name}_grf.mot.gz"))
         summary[name] = measure_walk(walk, plates, float(table.t[0])) | {"ms_per_frame": ms}
+        if arguments.loop:
+            person = Person(height_m=arguments.height)
+            summary[name] |= measure_loop(path, person, walk, arguments.loop)
         angles = path.with_name(f"{name}_ik.mot.gz")
         if angles.exists():
             person = Person(height_m=arguments.height)
             by_angles = fit_segments(read_opensim(read_number_table(angles), person), person)
             summary[name] |= compare_soles(walk, by_angles)
     return {"experiment": "recorded_people", "summary": summary, "band": ASKED, "paper": {}, "cases": []}
+
+
+def measure_loop(path: Path, person: Person, own: FittedWalk, duration_s: float) -> dict[str, float]:
+    """Largest accelerations of a loop over those of its recording, and what its IMUs measure; every sensor but cameras.
+
+    Args:
+        path: The recording.
+        person: The person.
+        own: The recording itself.
+        duration_s: Length of the loop.
+    """
+    config = TwinConfig(
+        name=path.name,
+        route=Route(segments=(Level(length_m=1.0),)),
+        person=person,
+        motion=Motion(file=str(path), duration_s=duration_s),
+        sensors=tuple(group for group in TwinConfig.sensors if "camera" not in group),
+    )
+    config, looped = apply_motion(config)
+    most = [np.abs(np.diff(walk.x, 2, axis=0)).max(0) / walk.dt**2 for walk in (own, looped)]
+    figures = {
+        "loop_s": looped.duration_s,
+        "loop_pelvis_over_own": float(most[1][:3].max() / most[0][:3].max()),
+        "loop_joints_over_own": float(most[1][6:].max() / most[0][6:].max()),
+    }
+    peaks: dict[str, float] = {}
+    for blocks in Twin(config, 1000).blocks():
+        for block in blocks:
+            if isinstance(block, Block) and block.kind is Imu:
+                force = float(np.linalg.norm(block.columns["specific_force"], axis=1).max())
+                peaks[block.topic] = max(peaks.get(block.topic, 0.0), force)
+    return figures | {f"loop_peak{topic.replace('/', '_')}_mps2": peak for topic, peak in sorted(peaks.items())}
 
 
 def compare_soles(by_markers: FittedWalk, by_angles: FittedWalk) -> dict[str, float]:
@@ -272,6 +328,7 @@ def main() -> int:
     parser = command(__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(RECORDINGS)}")
     parser.add_argument("--height", type=float, default=1.75, help="of the person, m")
+    parser.add_argument("--loop", type=float, default=0.0, metavar="S", help="also loop to this length, with sensors")
     return answer(parser, measure, show)
 
 

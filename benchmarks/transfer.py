@@ -238,6 +238,28 @@ def compare_sides(people: Mapping[str, Sequence[float]], twin: Mapping[str, Sequ
     return figures
 
 
+def compare_halves(people: Mapping[str, Sequence[float]], rounds: int = 200) -> dict[str, float]:
+    """How well people tell of other people: rank and share of equal signs of random halves of the walks, in the mean.
+
+    More than that cannot be asked of a twin that is compared with as few walks as a half has.
+
+    Args:
+        people: 2-D ARMSE of each walk by variant, m.
+        rounds: How often the walks are divided.
+    """
+    rng, count = np.random.default_rng(0), len(next(iter(people.values())))
+    each: dict[str, list[float]] = {}
+    for _ in range(rounds):
+        order = rng.permutation(count)
+        one, other = ({v: [e[i] for i in rows] for v, e in people.items()} for rows in np.array_split(order, 2))
+        figures = compare_sides(one, other)
+        for name, rho in figures["rank"].items():
+            each.setdefault(f"rank, {name}", []).append(rho)
+        for name, (changed, same) in figures["signs"].items():
+            each.setdefault(f"signs, {name}", []).append(same / max(changed, 1))
+    return {name: float(np.mean(values)) for name, values in each.items()}
+
+
 def measure(arguments: Namespace) -> dict[str, Any]:
     """All figures, in the form of an experiment's JSON."""
     folder = Path(arguments.data) if arguments.data else real_walks.data_folder()
@@ -262,7 +284,8 @@ def measure(arguments: Namespace) -> dict[str, Any]:
         | {f"{cause}_m": _mean_and_median(errors[v]) for cause, errors in rows.items()}
         for v in variants
     ]
-    return {"experiment": "transfer", "summary": summary, "paper": {}, "cases": cases}
+    halves = compare_halves(people)
+    return {"experiment": "transfer", "summary": summary, "halves": halves, "paper": {}, "cases": cases}
 
 
 def _mean_and_median(errors: Sequence[float]) -> tuple[float, float]:
@@ -284,6 +307,8 @@ def show(result: dict[str, Any]) -> None:
         print("  rank correlation: " + ", ".join(f"{group} {rho:.2f}" for group, rho in figures["rank"].items()))
         signs = ", ".join(f"{group} {same} of {changed}" for group, (changed, same) in figures["signs"].items())
         print(f"  changes above {CHANGED:.0%} with the same sign: {signs}")
+    halves = ", ".join(f"{name} {value:.2f}" for name, value in result["halves"].items())
+    print(f"\npeople beside other people (random halves of the walks): {halves}")
 
 
 def main() -> int:

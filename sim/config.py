@@ -270,7 +270,8 @@ class Gait:
     """How the person walks.
 
     Attributes:
-        pattern: `walk`; `wander`, a stroll of changing speed with pauses; or `jog`, the fastest walk (no flight).
+        pattern: `walk`; `wander`, a stroll of changing speed with pauses; `jog`, the fastest walk (no flight); or
+            `run`, with a flight between the steps (kinematic alone).
         speed_mps: Preferred speed on level ground.
         step_sd: Step-to-step variability of length and time, as a fraction (SD).
         stand_s: Standing time at the start and at the end.
@@ -284,7 +285,7 @@ class Gait:
         stops: Where the walker stands still for a while.
     """
 
-    pattern: Annotated[str, OneOf(("walk", "wander", "jog"))] = "walk"
+    pattern: Annotated[str, OneOf(("walk", "wander", "jog", "run"))] = "walk"
     speed_mps: Annotated[Number, Field(ge=SPEED_RANGE_MPS[0], le=SPEED_RANGE_MPS[1])] = 1.2
     step_sd: Annotated[Number, Field(ge=0, le=0.1)] = 0.015
     stand_s: Annotated[Number, Field(ge=0.5, le=60)] = 2.0
@@ -312,6 +313,7 @@ PATTERNS: dict[str, dict[str, float]] = {
     "wander": {"speed_mps": 0.6, "step_sd": 0.04},
     "walk": {},
     "jog": {"speed_mps": 1.8, "step_sd": 0.02},
+    "run": {"speed_mps": 2.0, "step_sd": 0.02},
 }
 
 

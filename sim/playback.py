@@ -62,7 +62,7 @@ def split_wrench(
         force: (N, 3) total force of the ground, world, N.
         torque: (N, 3) its moment about `origin`, N m.
         origin: (N, 3) m, world.
-        shares: (N,) by foot, summing to 1.
+        shares: (N,) by foot, summing to 1, or 0 in a flight.
         planned: (N, 3) m, planned centre of pressure by foot, world.
         p_foot: (N, 3) m, foot frame's origin by foot, world.
 
@@ -72,13 +72,16 @@ def split_wrench(
     # a lifted foot bears nothing; the shares of the others are scaled to the sum 1
     kept = {f: np.where(s > LIFTED_SHARE, s, 0.0) for f, s in shares.items()}
     total_share = np.sum(list(kept.values()), axis=0)
-    shares = {f: s / total_share for f, s in kept.items()}
+    flight = total_share == 0.0  # where no foot bears anything, the residual is what the motion still needs
+    shares = {f: s / np.where(flight, 1.0, total_share) for f, s in kept.items()}
     middle = np.sum([shares[f][:, None] * planned[f] for f in shares], axis=0)  # mean planned centre of pressure
+    middle = np.where(flight[:, None], np.mean(list(planned.values()), axis=0), middle)
     arm_z = middle[:, 2] - origin[:, 2]  # m, height of the ground relative to the origin
     lift = np.maximum(force[:, 2], 1.0)  # in free fall there is no zero-moment point
     x = origin[:, 0] + (arm_z * force[:, 0] - torque[:, 1]) / lift
     y = origin[:, 1] + (arm_z * force[:, 1] + torque[:, 0]) / lift
     shift = np.column_stack([x, y, middle[:, 2]]) - middle  # from the planned mean to the zero-moment point (x, y)
+    shift[flight] = 0.0
     twist = torque - cross(middle + shift - origin, force)  # what remains of the moment there, about the vertical
     loads, residual_force, residual_torque = {}, force.copy(), torque.copy()
     for foot, share in shares.items():

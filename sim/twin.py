@@ -88,6 +88,8 @@ class Twin:
             raise ConfigError(config.name, "dynamics", f"physics {config.physics}", "no dynamics, or physics dynamic")
         if config.exo is not None and config.exo.drive != "idle" and config.physics != "dynamic":
             raise ConfigError(config.name, "exo.drive", config.exo.drive, "idle, or physics dynamic")
+        if config.gait.pattern == "run" and config.physics == "dynamic":
+            raise ConfigError(config.name, "physics", config.physics, "kinematic: simulated walkers cannot run")
         recorded: FittedWalk | None = None
         if config.motion is not None:  # person and terrain follow from the recording
             config, recorded = apply_motion(config)

@@ -173,7 +173,10 @@ def write_amass(path: Path, planned: PlannedWalk) -> None:
 
 
 def to_opensim(planned: PlannedWalk) -> NumberTable:
-    """Coordinates of a model whose knees bend in the negative direction; ankles by Gauss-Newton steps."""
+    """Coordinates of a model whose knees are hinges, and whose ankles are 8 mm inward of the middle of the sole.
+
+    Ankles follow by Gauss-Newton steps.
+    """
     M = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
     R = {body: M.T @ value @ M for body, value in planned.R.items()}
     values: dict[str, np.ndarray] = {}
@@ -185,16 +188,19 @@ def to_opensim(planned: PlannedWalk) -> NumberTable:
 
     turn("pelvis_tilt pelvis_list pelvis_rotation", R["pelvis"])
     turn("lumbar_extension lumbar_bending lumbar_rotation", np.swapaxes(R["pelvis"], 1, 2) @ R["torso"])
-    hips = (planned.p["pelvis"] @ M) - R["pelvis"] @ [-0.0707, -0.0661, 0.0]
+    hips = (planned.p["pelvis"] @ M) - R["pelvis"] @ [-0.0563, -0.0785, 0.0]
     values |= {f"pelvis_t{axis}": hips[:, k] for k, axis in enumerate("xyz")}
     for side, out in (("r", 1.0), ("l", -1.0)):
         thigh, shank, foot = (R[f"{body}_{side}"] for body in ("thigh", "shank", "foot"))
+        body = planned.skeleton.size.body
+        inward = Rotation.from_rotvec([out * 0.008 / (body.thigh_m + body.shank_m), 0.0, 0.0]).as_matrix()
+        shank, thigh = thigh @ inward @ np.swapaxes(thigh, 1, 2) @ shank, thigh @ inward
         turn(
             f"hip_flexion_{side} hip_adduction_{side} hip_rotation_{side}",
             np.swapaxes(R["pelvis"], 1, 2) @ thigh,
             (1.0, out, out),
         )
-        values[f"knee_angle_{side}"] = Rotation.from_matrix(np.swapaxes(thigh, 1, 2) @ shank).as_rotvec()[:, 2]
+        values[f"knee_angle_{side}"] = -Rotation.from_matrix(np.swapaxes(thigh, 1, 2) @ shank).as_rotvec()[:, 2]
         axes = np.array([[-0.105 * out, -0.174 * out, 0.979], [0.787 * out, 0.605 * out, -0.121]])
         angles = np.zeros((len(foot), 2))
         for _ in range(5):

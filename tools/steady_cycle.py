@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 
 from stridetwin.sim.config import SIDES, Gaze, Person
+from stridetwin.sim.gait.body_sway import SwayParameters, plan_sway
 from stridetwin.sim.gait.foot_path import FootPath, foot_path
 from stridetwin.sim.gait.footsteps import HALF_STEP_WIDTH_M, TOE_OUT_RAD, Footstep, Rhythm
 from stridetwin.sim.gait.leg_ik import solve_leg
@@ -31,7 +32,9 @@ SAMPLES = 100  # per stride
 _COM_ABOVE_PELVIS_M = 0.03
 _FIRST = 2  # first step of the evaluated stride
 _GROUND = (Strip(s0=-100.0, s1=100.0, z0=0.0, z1=0.0, terrain="level"),)
-_BENT_RAD = np.radians(7.5)
+_BENT_RAD = np.radians(5.5)
+# a walker without any difference from the mean one, whose steps are all alike
+_MEAN_WALKER = SwayParameters(person_log_sd=0.0, rise_log_sd=0.0, person_phase_deg=0.0, unevenness=0.0, step_sd=0.0)
 
 
 class Walker:
@@ -53,7 +56,8 @@ class Cycle:
     Attributes:
         angles_deg: hip, knee and ankle flexion by name.
         moments: Internal extension (plantarflexion) moments, N m/kg, by the same names.
-        pelvis_deg: (N, 3) rotation, tilt, list.
+        pelvis_tilt_deg: (N,) anterior tilt.
+        rise: Difference between the highest and the lowest height of the pelvis, leg lengths.
         load: Vertical ground reaction of the foot, body weights.
         total: Of both feet.
         sole: Lowest point of the sole in swing above the ground, m.
@@ -68,7 +72,8 @@ class Cycle:
 
     angles_deg: dict[str, Array]
     moments: dict[str, Array]
-    pelvis_deg: Array
+    pelvis_tilt_deg: Array
+    rise: float
     load: Array
     total: Array
     sole: Array
@@ -93,18 +98,17 @@ def steady_cycle(
     wide_paths = {side: foot_path(steps[side], size, wide, _flat) for side in SIDES}
     wide_shares = load_shares(steps, wide)
     rhythm = Rhythm.of(steps)
-    pose = _cut_posture(
-        plan_posture(rhythm, wide_paths, walker.leg_m, wide, _GROUND, Gaze(), np.random.default_rng(0)), mid
-    )
-    mean, wave, _ = level_height(rhythm, wide, walker.leg_m)
+    rng = np.random.default_rng(0)  # nothing is drawn from it that has an effect
+    sway = plan_sway(rhythm, walker.leg_m, rng, _MEAN_WALKER)
+    mean, wave, _ = level_height(rhythm, wide, walker.leg_m, sway.rise)
+    pose = _cut_posture(plan_posture(rhythm, wide_paths, walker.leg_m, wide, _GROUND, Gaze(), sway, wave, rng), mid)
     height = (mean + wave)[mid]
     paths = {side: _cut_path(wide_paths[side], mid) for side in SIDES}
     shares = {side: wide_shares[side][mid] for side in SIDES}
+    with np.errstate(invalid="ignore"):  # of steps beyond the ends, which have no rows
+        travels = {side: cop_travel(steps[side], wide, np.zeros(len(wide)))[mid] for side in SIDES}
     centres = {
-        side: pressure_centres(
-            steps[side], size.shoe, t, cop_travel(steps[side], t, np.zeros(len(t))), paths[side].pitch, _flat
-        )
-        for side in SIDES
+        side: pressure_centres(steps[side], size.shoe, t, travels[side], paths[side].pitch, _flat) for side in SIDES
     }
     wanted = sum(shares[side][:, None] * centres[side] for side in SIDES)[:, :2]
     drift = np.outer(t, [step_m / step_s, 0.0])
@@ -140,7 +144,8 @@ def steady_cycle(
             load[:-1, None] * (needed[:-1, :3] / needed[:-1, 2:3]),
             (centres["l"][:, :2] + zmp - wanted)[:-1],
         ),
-        pelvis_deg=np.degrees(pose.pelvis[:-1]),
+        pelvis_tilt_deg=np.degrees(pose.pelvis[:-1, 1]),
+        rise=float(np.ptp(height)) / walker.leg_m,
         load=load[:-1] / weight,
         total=needed[:-1, 2] / weight,
         sole=_lowest(size, paths["l"])[:-1],

@@ -20,7 +20,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import nnls
 
 from stridetwin.sim.gait.foot_pitch import plan_pitch, step_time
-from stridetwin.sim.gait.footsteps import Footstep
+from stridetwin.sim.gait.footsteps import RUN_LANDING_S, Footstep
 from stridetwin.sim.gait.style import Style, leg_length
 from stridetwin.sim.kinematics.smooth import bump, ease, quintic, soft_ease
 from stridetwin.sim.wearer.dimensions import Shoe, Wearer
@@ -90,6 +90,7 @@ STOPPING_S = 0.022
 _MAX_DORSIFLEXION_RAD = np.radians(22.0)  # on the level
 _DORSIFLEXION_BY_SLOPE = 1.3  # additional rad per rad of slope uphill
 _DORSIFLEXION_ON_STAIRS_RAD = np.radians(14.0)  # additional, on stairs
+_DORSIFLEXION_IN_RUN_RAD = np.radians(10.0)  # additional, of a runner, who bends the knee under the load
 _RISE_BEFORE = 0.55  # share of a step before toe-off, when the load moves to the ball
 _RISE_GAIN = 1.25  # rad of pitch per rad of excess: a rising heel bends the knee and tilts the shank farther
 _RISE_SMOOTHING_S = 0.03  # SD of the Gaussian filter
@@ -98,6 +99,10 @@ _PIVOT_FROM = 0.30  # share of swing from which the moving point goes to the piv
 _PIVOT_LASTS = 0.55  # share of swing that this takes, once the foot is level
 _LANDING_SPEED = 0.10  # at which the heel reaches the ground, relative to the mean speed of the swing
 _LANDING_BRAKE = 2.8  # deceleration before that, in units of that speed per duration of the swing
+_RUN_SPEED, _RUN_BRAKE = 0.27, 6.5  # likewise, of a run
+_RUN_FAST_BY = 0.50  # share of swing by which a runner's foot is fast
+_RUN_FINE = 201  # instants at which that speed is integrated
+_RUN_DROP_MPS = 0.8  # at which the foot of a runner comes down
 _SLOPE_WITHOUT_SPEED_RAD = 0.12  # downhill slope from which the heel is only set down
 _LAG_OVER = 0.85  # share of swing before touch-down in which the foot lags
 _MAX_BUMP_M = 0.4  # higher, an edge lies too near a footprint for a bump, which rises slowly
@@ -190,6 +195,7 @@ def with_heel_rise(path: FootPath, steps: Sequence[Footstep], shoe: Shoe, t: Arr
         fade = ease(late + _RISE_BEFORE * step_time(step, after) / _RISE_FADE_S + 1.0) * ease(-late)
         limit = _MAX_DORSIFLEXION_RAD + _DORSIFLEXION_BY_SLOPE * max(step.slope, 0.0)
         limit += _DORSIFLEXION_ON_STAIRS_RAD if step.arrival != "heel" else 0.0
+        limit += _DORSIFLEXION_IN_RUN_RAD if after.is_run else 0.0
         excess = np.maximum(dorsiflexion[on] - limit, 0.0)
         smooth = gaussian_filter1d(excess, _RISE_SMOOTHING_S / (t[1] - t[0]), mode="nearest")
         rolling, _, _ = _stance_poses(step, shoe, theta[on])
@@ -328,6 +334,8 @@ def _swing_positions(a: Footstep, b: Footstep, size: Wearer, s: Array, R: Array,
         forward: Shares of swing at which the horizontal motion begins and ends.
     """
     forward_share, upward_share = soft_ease((s - forward[0]) / (forward[1] - forward[0])), soft_ease(s)
+    if b.is_run:
+        forward_share = _run_forward(s, b.t_touch - a.t_off, b.swing.landing * _RUN_SPEED, RUN_LANDING_S)
     heel, hinge = _pivots(size.shoe)
     landing = heel if b.arrival == "heel" else hinge  # pivot of the landing
     pivot_in_foot = hinge + soft_ease((s - _PIVOT_FROM) / _PIVOT_LASTS)[:, None] * (landing - hinge)
@@ -340,6 +348,10 @@ def _swing_positions(a: Footstep, b: Footstep, size: Wearer, s: Array, R: Array,
     if a.departure == "push" and b.arrival == "heel":
         point = point + _swing_shape(b.style, s, b.R_world_sole) * leg_length(size)
         point[:, 2] += b.swing.lift_m * bump(s)
+        if b.is_run:  # a runner's foot falls with the body
+            swing_s = b.t_touch - a.t_off
+            drop = _lag(1.0 - s, RUN_LANDING_S / swing_s, b.swing.landing, 0.0) * (1.0 - ease((1.0 - s) / _LAG_OVER))
+            point[:, 2] += _RUN_DROP_MPS * swing_s * drop
     point = point - _landing_lag(a, b, size, a.t_off + s * (b.t_touch - a.t_off))
     return point - np.einsum("nij,nj->ni", R, pivot_in_foot)
 
@@ -356,23 +368,60 @@ def _landing_lag(a: Footstep, b: Footstep, size: Wearer, t: Array) -> Array:
         size: Wearer.
         t: (N,) s, from the toe-off of `a` to the toe-off of `b`.
     """
-    if a.departure != "push" or b.arrival != "heel":
+    if a.departure != "push" or b.arrival != "heel" or b.is_run:
         return np.zeros((len(t), 3))
     steep = max(-b.slope, 0.0) / _SLOPE_WITHOUT_SPEED_RAD  # the knee is nearly straight: it cannot take up a blow
     faster = b.swing.landing * max(1.0 - steep, 0.0)
     swing_s = b.t_touch - a.t_off
     left = np.maximum(b.t_touch + STOPPING_S * min(faster, 1.0) - t, 0.0) / swing_s
-    stop = STOPPING_S / swing_s
+    lag = _lag(left, STOPPING_S / swing_s, faster * _LANDING_SPEED, _LANDING_BRAKE)
+    lag *= 1.0 - ease((b.t_touch - t) / swing_s / _LAG_OVER)
+    heel, hinge = _pivots(size.shoe)
+    way = b.p_foot_in_world + b.R_world_sole @ heel - a.p_foot_in_world - a.R_world_sole @ hinge
+    return lag[:, None] * way
+
+
+def _run_forward(s: Array, swing_s: float, speed: float, stopping_s: float) -> Array:
+    """(N,) share of its way that a runner's foot has made: it is fast for long, and brakes late and hard.
+
+    The speed grows until `_RUN_FAST_BY` of swing. Later it is the smaller, smoothly, of a constant and of what even
+    braking leaves before the landing; the constant follows from the whole way.
+
+    Args:
+        s: (N,) shares of swing, 0-1.
+        swing_s: Duration of the swing.
+        speed: Speed of the landing, relative to the mean speed of the swing.
+        stopping_s: Time in which the ground stops the heel.
+    """
+    fine = np.linspace(0.0, 1.0, _RUN_FINE)
+    left = 1.0 - fine
+    braked = speed * ease(left * swing_s / stopping_s) + _RUN_BRAKE * np.maximum(left - 0.5 * stopping_s / swing_s, 0.0)
+    growing, slow, fast = ease(fine / _RUN_FAST_BY), 0.5, 8.0
+    way = np.zeros(_RUN_FINE)
+    for _ in range(40):  # halves the interval of the constant speed
+        most = 0.5 * (slow + fast)
+        v = growing * (np.maximum(braked, 1e-6) ** -4.0 + most**-4.0) ** -0.25
+        v[braked <= 0.0] = 0.0
+        way = np.concatenate([[0.0], np.cumsum(v[1:] + v[:-1])]) * 0.5 / (_RUN_FINE - 1)
+        slow, fast = (most, fast) if way[-1] < 1.0 else (slow, most)
+    return np.asarray(make_interp_spline(fine, way / way[-1], k=3)(np.clip(s, 0.0, 1.0)))
+
+
+def _lag(left: Array, stop: float, speed: float, brake: float) -> Array:
+    """(N,) lag behind where a foot comes to rest, of one that brakes evenly until the ground stops it.
+
+    Args:
+        left: (N,) time left until it rests, as shares of swing.
+        stop: Time in which the ground stops it, likewise.
+        speed: Speed of the landing, relative to the mean speed of the swing.
+        brake: Deceleration before that, in units of that mean speed per duration of the swing.
+    """
     x = np.minimum(left / stop, 1.0)
     beyond = np.maximum(left - stop, 0.0)
     # integrals over the time left of `ease`, and of `ease` times the time left
     at_speed = stop * x**4 * (2.5 + x * (x - 3.0)) + beyond
     braking = stop**2 * x**5 * (2.0 + x * (6.0 / 7.0 * x - 2.5)) + beyond * (stop + beyond / 2.0)
-    shape = faster * _LANDING_SPEED * at_speed + _LANDING_BRAKE * braking
-    lag = shape * (1.0 - ease((b.t_touch - t) / swing_s / _LAG_OVER))
-    heel, hinge = _pivots(size.shoe)
-    way = b.p_foot_in_world + b.R_world_sole @ heel - a.p_foot_in_world - a.R_world_sole @ hinge
-    return lag[:, None] * way
+    return speed * at_speed + brake * braking
 
 
 def _swing_shape(style: Style, s: Array, base: Array) -> Array:

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from stridetwin.sim.config import Gait, Stop
+from stridetwin.sim.gait.running import run_step_s
 from stridetwin.sim.gait.style import leg_length, pace, shuffle_step_share, walk_growth
 from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.sim.world.route import RUN_OUT_M
@@ -36,6 +37,9 @@ _TO_RISER_MPS = 0.9  # speed limit where stairs begin and end: their steps are s
 _TIGHT_RADIUS_M = 2.0  # radius of a tight bend
 _MAX_ACCELERATION_MPS2 = 0.5  # largest acceleration
 _MAX_STAIR_MPS = 1.6  # speed limit for the cadence on stairs
+_RUN_FROM_STAND_MPS = 1.4  # speed limit of a run near standing
+_RUN_IN_BENDS_MPS = 1.7  # likewise, in tight bends
+_RUN_ACCELERATION_MPS2 = 1.5  # largest acceleration of a run
 _MIN_SHUFFLE_STEP_S = 0.48  # shortest step at full shuffle
 _STROLL_SPEED_SD = 0.20  # speed of a stroll: SD as a fraction
 _STROLL_SPEED_M = 2.0  # distance over which it changes
@@ -60,17 +64,20 @@ def widening(way: Way, s0: float, s1: float) -> float:
     return _WIDER_M * min(turn_share(way, s0, s1), 1.0)
 
 
-def count_steps(way: Way, start: float, stop: float, step: Callable[[Array], Array]) -> tuple[Array, Array]:
+def count_steps(
+    way: Way, start: float, stop: float, step: Callable[[Array], Array], shorter: Callable[[Array], Array]
+) -> tuple[Array, Array]:
     """Number of steps along the way, as a function of the arc length.
 
-    It integrates the steps per metre: 1 / (`step(s)` √`speed_share`), where `speed_share` is below 1 in curves, and at
-    least as many as keep the turn of each step below the largest one.
+    It integrates the steps per metre, 1 / (`step(s)` `shorter(s)`), and at least as many as keep the turn of each step
+    below the largest one.
 
     Args:
         way: The way.
         start: First arc length, m.
         stop: Last arc length, m.
         step: Step length, m, on a straight way at (N,) arc lengths.
+        shorter: Step length there relative to that of a straight way.
 
     Returns:
         (N,) m, arc lengths from `start` to `stop`, and (N,) steps from `start` to each, which are fractional.
@@ -78,7 +85,7 @@ def count_steps(way: Way, start: float, stop: float, step: Callable[[Array], Arr
     s = np.linspace(start, stop, 2 + int((stop - start) / _PLANNING_M))
     middle = (s[1:] + s[:-1]) / 2
     steps_to_turn = np.abs(way.curvature(middle)) / _MAX_TURN_PER_STEP_RAD  # fewest steps per metre for the turn
-    density = np.maximum(1.0 / (step(middle) * np.sqrt(speed_share(way, middle))), steps_to_turn)
+    density = np.maximum(1.0 / (step(middle) * shorter(middle)), steps_to_turn)
     return s, np.concatenate([[0.0], np.cumsum(density * np.diff(s))])
 
 
@@ -93,6 +100,7 @@ class Tempo:
         most: (K,) m/s, the speed limits.
         grid: (N,) m, arc lengths of `share`.
         share: (N,) speed relative to the preferred one.
+        way: The way.
     """
 
     size: Wearer
@@ -101,6 +109,7 @@ class Tempo:
     most: Array
     grid: Array
     share: Array
+    way: Way
 
     @classmethod
     def along(cls, layout: Layout, size: Wearer, gait: Gait, rng: np.random.Generator) -> Tempo:
@@ -122,6 +131,8 @@ class Tempo:
         # places with a speed limit; the limit of the first ones, the risers, is lower
         slow = np.concatenate([risers, [0.0, end], tight, *uneven])
         most = np.full(len(slow), _BRISK_MPS)
+        if gait.pattern == "run":
+            most[:] = np.where(np.isin(slow, tight), _RUN_IN_BENDS_MPS, _RUN_FROM_STAND_MPS)
         most[: len(risers)] = _TO_RISER_MPS
         share = np.ones_like(grid)
         if gait.pattern == "wander":
@@ -130,7 +141,7 @@ class Tempo:
             # `wobble` over its SD, which is 1 / √(2 √π `smoothing`) after a Gaussian filter of white noise; the SD of
             # these values alone would be too small on a short way
             share = np.exp(_STROLL_SPEED_SD * wobble * np.sqrt(2.0 * np.sqrt(np.pi) * smoothing))
-        return cls(size=size, gait=gait, slow=slow, most=most, grid=grid, share=share)
+        return cls(size=size, gait=gait, slow=slow, most=most, grid=grid, share=share, way=layout.way)
 
     def speed(self, s: Array | float) -> Array:
         """(...) m/s, planned speed on a straight way at (...) arc lengths.
@@ -138,7 +149,8 @@ class Tempo:
         It is the preferred speed, but never above √(v² + 2 a d) at a distance d from a place with the speed limit v.
         """
         away = np.abs(np.asarray(s, dtype=float)[..., None] - self.slow)  # (..., K) m, distance to each limited place
-        most = np.sqrt(np.min(self.most**2 + 2 * _MAX_ACCELERATION_MPS2 * away, axis=-1))
+        acceleration = _RUN_ACCELERATION_MPS2 if self.gait.pattern == "run" else _MAX_ACCELERATION_MPS2
+        most = np.sqrt(np.min(self.most**2 + 2 * acceleration * away, axis=-1))
         return np.minimum(self.gait.speed_mps * np.interp(s, self.grid, self.share), most)
 
     def stair_speed(self, s: float) -> float:
@@ -147,7 +159,13 @@ class Tempo:
 
     def step_length(self, s: Array | float) -> Array:
         """(...) m, step length on a straight level way at (...) arc lengths."""
+        if self.gait.pattern == "run":
+            return self.speed(s) * run_step_s(self.size)
         return level_step_length(self.speed(s), self.size) * shuffle_step_share(self.gait.shuffle)
+
+    def shorter_in_curves(self, s: Array) -> Array:
+        """(...) step length in curves relative to that on a straight way; runners only turn, within their steps."""
+        return np.ones_like(s) if self.gait.pattern == "run" else np.sqrt(speed_share(self.way, s))
 
     def duration(self, s: float) -> float:
         """Duration of one step on straight level ground at arc length `s`, in seconds; a shuffle has a lower limit."""
@@ -339,7 +357,7 @@ def _plan_on_strip(
     # there, it is a shorter step away
     first_length = _FIRST_STEP if first_strip else 0.0
     # arc lengths, and (fractional) number of steps from `start` to each
-    along, paces = count_steps(layout.way, start, last_place, step)
+    along, paces = count_steps(layout.way, start, last_place, step, tempo.shorter_in_curves)
     # number of footholds: on the first strip one for every step, the first of which is shorter; on others one for the
     # start and one for every step, if there is room for a step
     if first_strip:

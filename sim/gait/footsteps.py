@@ -19,10 +19,10 @@ from stridetwin.sim.gait.foot_placement import (
     Tempo,
     limp_factor,
     plan_footholds,
-    speed_share,
     turn_share,
     widening,
 )
+from stridetwin.sim.gait.running import run_style, running_steps
 from stridetwin.sim.gait.style import Style, apply_shuffle, level_style, pace, prolong, style_at
 from stridetwin.sim.kinematics.smooth import smooth_gaussian
 from stridetwin.sim.walk import Stance
@@ -56,6 +56,7 @@ _PREFERRED_MPS = 1.2  # speed at which `_STAIR_STEP_S` holds
 _TIME_BY_LENGTH = 0.45  # growth of the step time with the step length, relative to both
 _LENGTH_RANGE = (0.3, 1.3)  # within which it grows
 _MIN_FIRST_AND_LAST_TIME = 0.9  # least time of these steps relative to the usual one
+_RUN_FIRST_AND_LAST_S = 0.5  # least time of these steps in a run
 _MAX_TIME_ERROR = 0.06  # share of a step time, limit of its variability
 _SHARED_TIME = (0.2, 0.6, 0.2)  # neighbouring steps share their tempo
 _SHARED_SPEED = (0.25, 0.5, 0.25)  # likewise, the speed that determines the style
@@ -70,6 +71,9 @@ _FLAT_SHUFFLE = 0.4  # above this shuffle, the foot lands on the whole sole
 _LEAD_S = 0.3  # from the end of standing to the first step
 WEIGHT_SHIFT_S = 0.55  # weight shift from both feet to one, before the first step
 SETTLE_S = 0.60  # and back to both after the last step
+_FLATTER = 0.7  # toes-up pitch of the short, quick steps before and after a run, relative to a walker's
+RUN_LANDING_S = 0.032
+"""Time before a runner's touch-down in which the ground stops the foot."""
 _SMOOTHING_S = 0.09  # SD of the filter of what changes from step to step
 _RISER_M = 0.02  # lower differences of height are no risers
 _STAIR_MODE_M = 0.07  # riser from which a step is SA or SD (Zhao et al. 2023)
@@ -96,6 +100,7 @@ def check_gait(gait: Gait) -> None:
         ("leading_foot", gait.leading_foot, gait.leading_foot in ("l", "r"), "l, r"),
         ("asymmetry", gait.asymmetry, abs(gait.asymmetry) <= MAX_ASYMMETRY, f"{-MAX_ASYMMETRY} to {MAX_ASYMMETRY}"),
         ("shuffle", gait.shuffle, 0.0 <= gait.shuffle <= 1.0, "0-1"),
+        ("shuffle", gait.shuffle, gait.pattern != "run" or gait.shuffle == 0.0, "0 in a run"),
         ("gaze.kind", gaze.kind, gaze.kind in GAZES, ", ".join(GAZES)),
         ("gaze.pitch_rad", gaze.pitch_rad, up <= gaze.pitch_rad <= down, f"{up} to {down} rad, down positive"),
         ("gaze.yaw_rad", gaze.yaw_rad, abs(gaze.yaw_rad) <= aside, f"{-aside} to {aside} rad, left positive"),
@@ -133,7 +138,7 @@ def plan_timing(
     """
     rises = _riser_heights(holds)
     without_limp = _step_durations(way, holds, rises, gait, tempo, rng)
-    styles = [apply_shuffle(style, gait.shuffle) for style in _step_styles(holds, rises, without_limp, size)]
+    styles = [apply_shuffle(style, gait.shuffle) for style in _step_styles(holds, rises, without_limp, size, gait)]
     durations = without_limp * [limp_factor(gait, hold.foot) for hold in holds]
     # a pause at a foothold delays the next step, and both feet stay on the ground for longer
     pauses = np.array([0.0, *(hold.pause_s for hold in holds[:-1])])
@@ -180,9 +185,9 @@ def _step_durations(
                 time_factor *= _TWO_TREADS_TIME
             duration = _STAIR_STEP_S * np.sqrt(_PREFERRED_MPS / speed) * time_factor * max(high / _HIGH_RISER_M, 1.0)
         else:
-            # in a curve, the root of `speed_share` shortens the steps and prolongs their time. The time grows with the
-            # length or the turn of a step, relative to the usual ones
-            slower = float(np.sqrt(speed_share(way, np.array(middle))))
+            # in a curve, steps are shorter and take longer. The time grows with the length or the turn of a step,
+            # relative to the usual ones
+            slower = float(tempo.shorter_in_curves(np.array(middle)))
             ratio = max((s - previous) / (float(tempo.step_length(middle)) * slower), turn_share(way, previous, s))
             ratio = np.clip(ratio, *_LENGTH_RANGE)
             ramp = hold.strip.terrain == "ramp"
@@ -191,6 +196,8 @@ def _step_durations(
             duration = level_step * time_factor * (1.0 - _TIME_BY_LENGTH + _TIME_BY_LENGTH * ratio)
         if i == 0 or i == len(holds) - 1:  # from standing, and to standing
             duration = max(duration, _MIN_FIRST_AND_LAST_TIME * level_step)
+            if gait.pattern == "run":  # walked, at a walker's tempo
+                duration = max(duration, _RUN_FIRST_AND_LAST_S)
         error = np.clip(rng.normal(0.0, gait.step_sd), -_MAX_TIME_ERROR, _MAX_TIME_ERROR)
         durations.append(duration * (1.0 + error))
         previous = s
@@ -198,7 +205,9 @@ def _step_durations(
     return np.convolve(np.pad(durations, 1, mode="edge"), _SHARED_TIME, mode="valid")
 
 
-def _step_styles(holds: Sequence[Foothold], rises: Sequence[float], durations: Array, size: Wearer) -> list[Style]:
+def _step_styles(
+    holds: Sequence[Foothold], rises: Sequence[float], durations: Array, size: Wearer, gait: Gait
+) -> list[Style]:
     """Style of each step by its own speed; steps over risers get the double support and the swing time of stairs.
 
     Args:
@@ -206,6 +215,7 @@ def _step_styles(holds: Sequence[Foothold], rises: Sequence[float], durations: A
         rises: (N) m, height of the riser of each step, 0 for none.
         durations: (N,) s, duration of each step.
         size: Wearer.
+        gait: Gait of the person.
     """
     speeds = np.diff([0.0, *(hold.s for hold in holds)]) / durations
     speeds = np.convolve(np.pad(speeds, 1, mode="edge"), _SHARED_SPEED, mode="valid")
@@ -222,6 +232,13 @@ def _step_styles(holds: Sequence[Foothold], rises: Sequence[float], durations: A
             swing = duration * (1.0 - float(style.double_support))
             style = prolong(style, max(swing / _MAX_STAIR_SWING_S, 1.0))
         styles.append(style)
+    if gait.pattern == "run":
+        is_run = running_steps(rises, [hold.pause_s for hold in holds])
+        for i, runs in enumerate(is_run):
+            if runs:
+                styles[i] = run_style(float(speeds[i]), float(durations[i]), size)
+            else:
+                styles[i] = replace(styles[i], pitch=np.where(styles[i].pitch < 0.0, _FLATTER, 1.0) * styles[i].pitch)
     return styles
 
 
@@ -271,6 +288,16 @@ class Footstep(Stance):
     clearance_m: float = CLEARANCE_M
     pause_s: float = 0.0
     swing: SwingVariation = SwingVariation()
+
+    @property
+    def is_run(self) -> bool:
+        """Whether a flight precedes this touch-down."""
+        return float(self.style.double_support) < 0.0
+
+    @property
+    def t_press(self) -> float:
+        """When the foot begins to press, s: a runner's sole and heel pad stop the foot until it has touched down."""
+        return self.t_touch - RUN_LANDING_S if self.is_run else self.t_touch
 
 
 def plan_footsteps(layout: Layout, size: Wearer, gait: Gait, rng: np.random.Generator) -> tuple[list[Footstep], float]:

@@ -2,10 +2,11 @@
 
 The foot of a planned walk does not vibrate when it lands and does not move in stance. A real shoe does: its upper,
 which carries the sensors, vibrates relative to the foot after the heel strike and again when the ball slaps down. It
-settles in the first quarter of a second of stance, leans by some degrees while the foot bears the load, and rocks. Here
-this is a small motion of the upper relative to the foot, twice differentiable in time, so that accelerometer, gyroscope
-and ground truth agree, and it decays before the foot leaves the ground. The parameters are fitted to recorded walks by
-`tools/fit_heel_strike.py`; shoes and mounts differ from person to person (`draw_shoes`).
+settles in the first quarter of a second of stance, leans by some degrees while the foot bears the load, and rocks; it
+springs back at toe-off, and sways while the wearer stands. Here this is a small motion of the upper relative to the
+foot, twice differentiable in time, so that accelerometer, gyroscope and ground truth agree. What a strike causes decays
+before the foot leaves the ground. The parameters are fitted to recorded walks by `tools/fit_heel_strike.py`; shoes and
+mounts differ from person to person (`draw_shoes`).
 """
 
 from __future__ import annotations
@@ -42,6 +43,7 @@ class ShoeParameters:
         impact_mps: Reference speed of impact: speed of the foot `BEFORE_S` before touch-down.
         strike_sd: Standard deviation of the logarithm of a strike's strength.
         slap: Strength of the ball's slap relative to that of the heel strike.
+        snap: Strength of the shoe that springs back at toe-off, relative to the strike.
         rock_hz: (M,) frequencies of the motion in stance.
         rock_rate: (M, 3) rad/s, amplitude of its angular rate.
         strength: Softest and hardest strike relative to the reference.
@@ -56,6 +58,8 @@ class ShoeParameters:
         settle_s: Times in which it comes about, and in which it settles.
         lean_rad: (3,) rotation while the foot bears the load.
         lean_sd: Standard deviation of the lean from stance to stance, relative to the lean.
+        sway_hz: (W,) frequencies of the motion while the wearer stands.
+        sway_rate: (W, 3) rad/s, amplitude of its angular rate.
     """
 
     mode_hz: Array
@@ -67,6 +71,7 @@ class ShoeParameters:
     slap: float
     rock_hz: Array
     rock_rate: Array
+    snap: float = 0.0
     strength: tuple[float, float] = (0.15, 2.0)
     blow_s: float = 0.007
     jitter_rad: float = 0.5
@@ -79,6 +84,8 @@ class ShoeParameters:
     settle_s: tuple[float, float] = (0.05, 0.17)
     lean_rad: Array = field(default_factory=lambda: np.zeros(3))
     lean_sd: float = 0.1
+    sway_hz: Array = field(default_factory=lambda: np.ones(1))
+    sway_rate: Array = field(default_factory=lambda: np.zeros((1, 3)))
 
 
 SHOE = ShoeParameters(
@@ -87,15 +94,19 @@ SHOE = ShoeParameters(
     mode_force=np.array([[0.0, 23.0, 35.2], [0.0, 0.0, 208.2], [17.7, 27.3, 27.9]]),
     mode_rate=np.array([[5.26, 0.0, 2.75], [14.40, 10.20, 5.28], [2.56, 0.79, 2.27]]),
     impact_mps=1.10,
-    strike_sd=0.27,
+    strike_sd=0.40,
     slap=0.10,
+    snap=0.20,
     rock_hz=np.array([2.5, 5.0, 10.0]),
     rock_rate=np.array([[0.119, 0.108, 0.128], [0.060, 0.022, 0.036], [0.046, 0.017, 0.027]]),
     settle_rad=np.array([0.0, -0.075, 0.0]),
     settle_sd_rad=np.array([0.035, 0.020, 0.025]),
+    sway_hz=np.array([0.4, 1.0, 2.3]),
+    sway_rate=np.full((3, 3), 0.005),
 )
 """A walking shoe with the sensor clipped to it, at 1.3 m/s: `dual_foot_walk` of gaitmap's example data (MIT), both
-feet, 56 strikes of one person. The settling is chosen for the angular rate of these feet after 0.1 s of stance."""
+feet, 56 strikes of one person. The settling is chosen for the angular rate of these feet after 0.1 s of stance, the
+SD of the strikes for their CV of 22 %, the sway for the rates while this person stands at the end (0.01 rad/s)."""
 
 
 # How shoes and mounts differ from person to person, relative to `SHOE`; chosen by hand, so that the strikes cover those
@@ -103,6 +114,13 @@ feet, 56 strikes of one person. The settling is chosen for the angular rate of t
 _STRENGTH, _STRENGTH_SD = 0.85, 0.35  # median, and SD of the logarithm
 _STRENGTH_LIMITS = (0.25, 1.5)
 _PITCH_SD, _DAMPING_SD, _ROCKING_SD = 0.15, 0.25, 0.25  # SD of the logarithms of frequency, decay time and rocking
+# Largest exponent by which a padded mount passes less of the faster modes: 0 is the hard clip of `dual_foot_walk`; the
+# spectra of `foot_imu_vicon` fall with about 1 between 20 and 70 Hz.
+_PADDING = 0.8
+# Sway of people who stand, and SD of its logarithm: the rates of `foot_imu_vicon` in 18 rests of 1.6 to 13 s have 0.005
+# rad/s in each of three octaves about these frequencies in the median, and 0.01 in the mean, which two recordings of
+# people who do not stand quietly raise: they are left out of the scatter.
+_SWAY, _SWAY_SD = 0.9, 0.4
 _LEAN_SD_RAD = (0.030, 0.025, 0.015)  # of the mount of one shoe about forward, left, up
 
 
@@ -115,17 +133,21 @@ def draw_shoes(rng: np.random.Generator) -> tuple[ShoeParameters, ShoeParameters
     Args:
         rng: Draws the person's shoes.
     """
+    mounts = rng.spawn(1)[0]
     strength = float(np.clip(_STRENGTH * np.exp(_STRENGTH_SD * rng.standard_normal()), *_STRENGTH_LIMITS))
     soft, damping, rocking = np.clip(rng.standard_normal(3), -2.0, 2.0).tolist()
     leans = np.array(_LEAN_SD_RAD) * np.clip(rng.standard_normal((2, 3)), -2.0, 2.0)
     rock = float(np.exp(_ROCKING_SD * (0.6 * soft + 0.8 * rocking)))
+    padding, sway = float(_PADDING * mounts.uniform()), _SWAY * float(np.exp(_SWAY_SD * mounts.standard_normal()))
+    passed = (SHOE.mode_hz[0] / SHOE.mode_hz)[:, None] ** padding  # of each mode
     pair = replace(
         SHOE,
         mode_hz=SHOE.mode_hz * np.exp(-_PITCH_SD * soft),
         mode_decay_s=SHOE.mode_decay_s * np.exp(_DAMPING_SD * (0.5 * soft + 0.87 * damping)),
-        mode_force=strength * SHOE.mode_force,
-        mode_rate=strength * SHOE.mode_rate,
+        mode_force=strength * passed * SHOE.mode_force,
+        mode_rate=strength * passed * SHOE.mode_rate,
         rock_rate=rock * SHOE.rock_rate,
+        sway_rate=sway * SHOE.sway_rate,
         settle_rad=rock * SHOE.settle_rad,
         settle_sd_rad=rock * SHOE.settle_sd_rad,
     )
@@ -152,6 +174,11 @@ def case_parameters(strike: float) -> ShoeParameters:
     )
 
 
+_LOAD_BY_QUICKNESS = 0.7  # mean load on a foot, by the inverse of the time for which it bears it
+_WALKING_STANCE_S = 0.61  # of a brisk walk; in a shorter stance the upper moves in less time
+_STANCE_OF_A_STEP_S = 1.5  # a longer stance is that of somebody who stands
+_SWAY_FADE_S = 0.4  # in which sway begins and ends
+_LONG_AGO_S = -1e6  # before and after any walk
 BEFORE_S = 0.02  # time before touch-down at which the speed of impact is read
 RISE_PERIODS = 0.4
 """A mode builds up within this share of its period."""
@@ -228,6 +255,7 @@ class _Rocks(NamedTuple):
         phase: (S, M, 3) rad, phases of the M sines about each axis.
         settle: (S, 3) rad, rotation that comes about at the landing and settles.
         lean: (S, 3) rad, rotation under load.
+        quick: (S,) speed of all this relative to that of a walking stance.
     """
 
     begin: Array
@@ -235,6 +263,7 @@ class _Rocks(NamedTuple):
     phase: Array
     settle: Array
     lean: Array
+    quick: Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -246,12 +275,14 @@ class UpperMotion:
         _parameters: Modes and amplitudes.
         _vibrations: Vibrations after all strikes of the walk.
         _rocks: Rocking in all stances.
+        _sways: Sway in long stances.
     """
 
     pivot: Array
     _parameters: ShoeParameters
     _vibrations: _Vibrations
     _rocks: _Rocks
+    _sways: _Rocks
 
     @classmethod
     def of(
@@ -283,6 +314,7 @@ class UpperMotion:
         unit = np.concatenate([parameters.mode_force / omega**2, parameters.mode_rate / omega], axis=1)
         # (time, amplitudes, phases) of each strike and slap, with (K, 6) arrays; (M, 3) phases of rocking per stance
         strikes, rocks = [], []
+        toe_offs, standing = rng.spawn(2)  # streams of their own leave the strikes as they are
         for step, impact in zip(landings, speeds):
             strength = np.clip(impact / parameters.impact_mps, *parameters.strength) * np.exp(
                 parameters.strike_sd * rng.standard_normal()
@@ -292,8 +324,15 @@ class UpperMotion:
             for t, relative in ((step.t_touch, 1.0), (slap_time, parameters.slap)):
                 phase = shape + parameters.jitter_rad * rng.standard_normal(shape.shape)
                 strikes.append((t, strength * relative * unit, phase))
+            if parameters.snap > 0.0 and np.isfinite(step.t_off):
+                # the bent shoe springs back when its tip leaves the ground; not alike at all from step to step
+                phase = toe_offs.uniform(0.0, 2 * np.pi, shape.shape)
+                strikes.append((step.t_off, strength * parameters.snap * unit, phase))
             rocks.append(rng.uniform(0.0, 2 * np.pi, parameters.rock_rate.shape))
         settling = rng.standard_normal((len(landings), 6))
+        # while the wearer stands, the foot is never quite still
+        stands = [step for step in steps if not step.t_off - step.t_touch < _STANCE_OF_A_STEP_S]
+        nothing = np.zeros((len(stands), 3))
         # one row for every mode after every strike
         begin = np.repeat([t for t, _, _ in strikes], len(parameters.mode_hz))
         hz, decay_s = (np.tile(x, len(strikes)) for x in (parameters.mode_hz, parameters.mode_decay_s))
@@ -314,6 +353,15 @@ class UpperMotion:
                 phase=np.reshape(rocks, (-1, *parameters.rock_rate.shape)),
                 settle=parameters.settle_rad + settling[:, :3] * parameters.settle_sd_rad,
                 lean=parameters.lean_rad * (1.0 + parameters.lean_sd * settling[:, 3:]),
+                quick=np.array([max(_WALKING_STANCE_S / max(s.t_off - s.t_touch, 0.1), 1.0) for s in landings]),
+            ),
+            _sways=_Rocks(
+                begin=np.array([max(step.t_touch, _LONG_AGO_S) for step in stands]),
+                end=np.array([min(step.t_off, -_LONG_AGO_S) for step in stands]),
+                phase=standing.uniform(0.0, 2 * np.pi, (len(stands), *parameters.sway_rate.shape)),
+                settle=nothing,
+                lean=nothing,
+                quick=np.ones(len(stands)),
             ),
         )
 
@@ -328,6 +376,8 @@ class UpperMotion:
         # (2, S) first row of each stance and one past its last; below, (2, E) of each vibration
         rows = np.searchsorted(t, [self._rocks.begin, self._rocks.end])
         _add_rocks(t, rows, self._rocks, shoe.rock_hz, shoe.rock_rate, shoe.fade_s, shoe.settle_s, value, rate)
+        rows = np.searchsorted(t, [self._sways.begin, self._sways.end])
+        _add_rocks(t, rows, self._sways, shoe.sway_hz, shoe.sway_rate, _SWAY_FADE_S, shoe.settle_s, value, rate)
         # rocking rotates about a point of the ground, so the pivot moves as well: rotation × arm
         arm = self.pivot - self._parameters.ground_m
         value[:, :3], rate[:, :3] = cross(value[:, 3:], arm), cross(rate[:, 3:], arm)
@@ -396,29 +446,33 @@ def _add_rocks(
     """
     for e in range(len(rocks.begin)):
         for i in range(rows[0, e], rows[1, e]):
-            tau = t[i] - rocks.begin[e]
+            # in a short stance, lean and rocking take a shorter time, and the load that causes them is larger
+            quick = rocks.quick[e]
+            size = quick**_LOAD_BY_QUICKNESS
+            since, before_end = t[i] - rocks.begin[e], rocks.end[e] - t[i]
+            tau = quick * since
             # window of the fades, and its rate `changing`, from the times since the begin and until the end, in fades
-            begun, left = tau / fade_s, (rocks.end[e] - t[i]) / fade_s
+            begun, left = tau / fade_s, quick * before_end / fade_s
             window = ease(begun) * ease(left)
-            changing = (ease_rate(begun) * ease(left) - ease(begun) * ease_rate(left)) / fade_s
+            changing = quick * (ease_rate(begun) * ease(left) - ease(begun) * ease_rate(left)) / fade_s
             # the rotation that settles, as a share, and its rate
-            grown, settled = tau / settle_s[0], (tau - settle_s[0]) / settle_s[1]
-            share = ease(grown) * (1.0 - ease(settled)) * ease(left)
+            grown, settled, fading = since / settle_s[0], (since - settle_s[0]) / settle_s[1], before_end / fade_s
+            share = ease(grown) * (1.0 - ease(settled)) * ease(fading)
             sharing = (
-                ease_rate(grown) / settle_s[0] * (1.0 - ease(settled)) * ease(left)
-                - ease(grown) * ease_rate(settled) / settle_s[1] * ease(left)
-                - ease(grown) * (1.0 - ease(settled)) * ease_rate(left) / fade_s
+                ease_rate(grown) / settle_s[0] * (1.0 - ease(settled)) * ease(fading)
+                - ease(grown) * ease_rate(settled) / settle_s[1] * ease(fading)
+                - ease(grown) * (1.0 - ease(settled)) * ease_rate(fading) / fade_s
             )
             for k in range(3):
-                value[i, 3 + k] += share * rocks.settle[e, k] + window * rocks.lean[e, k]
-                rate[i, 3 + k] += sharing * rocks.settle[e, k] + changing * rocks.lean[e, k]
+                value[i, 3 + k] += share * rocks.settle[e, k] + size * window * rocks.lean[e, k]
+                rate[i, 3 + k] += sharing * rocks.settle[e, k] + size * changing * rocks.lean[e, k]
             for m in range(len(rock_hz)):
                 omega = 2 * np.pi * rock_hz[m]
                 for k in range(3):
-                    amplitude, angle = rock_rate[m, k] / omega, omega * tau + rocks.phase[e, m, k]
+                    amplitude, angle = size * rock_rate[m, k] / omega, omega * tau + rocks.phase[e, m, k]
                     wave = amplitude * math.sin(angle)
                     value[i, 3 + k] += window * wave
-                    rate[i, 3 + k] += changing * wave + window * amplitude * omega * math.cos(angle)
+                    rate[i, 3 + k] += changing * wave + quick * window * amplitude * omega * math.cos(angle)
 
 
 def _slap_time(step: Stance, pitch: Callable[[Array], Array], flat_rad: float) -> float:

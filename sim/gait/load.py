@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
 
@@ -46,7 +47,8 @@ def load_shares(steps: Mapping[str, Sequence[Footstep]], t: Array) -> dict[str, 
     """Share of the load on each foot at (N,) s, by foot; the shares sum to 1.
 
     A foot alone on the ground bears all. In double support the load moves by a cubic of the time, and in a pause both
-    feet bear half (`_load_share`).
+    feet bear half (`_load_share`). In a flight, in which there is no load (`in_flight`), the shares move evenly from
+    foot to foot.
     """
     raw = {foot: np.zeros_like(t) for foot in steps}  # not yet scaled to a sum of 1
     for foot, foot_steps in steps.items():
@@ -54,16 +56,27 @@ def load_shares(steps: Mapping[str, Sequence[Footstep]], t: Array) -> dict[str, 
         for step in foot_steps:
             # double support begins again with the other foot's touch-down before this toe-off
             other_off = _end_of_double_support(step, other_steps)
+            before = max((s for s in other_steps if s.t_touch <= step.t_touch), key=lambda s: s.t_touch)
             following = max((s for s in other_steps if s.t_touch < step.t_off), key=lambda s: s.t_touch)
             # the load comes up after touch-down and goes down before toe-off; never for feet that stand at an end
             up, down = np.ones_like(t), np.ones_like(t)
-            if np.isfinite(step.t_touch):
+            if np.isfinite(step.t_touch) and before.t_off >= step.t_touch:  # otherwise after a flight
                 up = _load_share(step, t, step.t_touch, other_off)
-            if np.isfinite(step.t_off):
+            if np.isfinite(step.t_off) and following.t_touch >= step.t_touch:  # otherwise before a flight
                 down = 1 - _load_share(following, t, following.t_touch, step.t_off)
-            raw[foot] = np.where((t >= step.t_touch) & (t <= step.t_off), up * down, raw[foot])
-    total = sum(raw.values())
-    return {foot: r / total for foot, r in raw.items()}
+            raw[foot] = np.where((t >= step.t_press) & (t <= step.t_off), up * down, raw[foot])
+    flight = in_flight(steps, t)
+    total = np.where(flight, 1.0, sum(raw.values()))
+    ground = ~flight
+    return {foot: np.interp(t, t[ground], (r / total)[ground]) for foot, r in raw.items()}
+
+
+def in_flight(steps: Mapping[str, Sequence[Footstep]], t: Array) -> NDArray[np.bool_]:
+    """(N,) whether no foot is on the ground at (N,) s."""
+    ground = np.zeros(len(t), bool)
+    for step in (step for foot_steps in steps.values() for step in foot_steps):
+        ground |= (t >= step.t_press) & (t <= step.t_off)
+    return ~ground
 
 
 def add_quiet_stance(shares: dict[str, Array], steps: Mapping[str, Sequence[Footstep]], t: Array) -> dict[str, Array]:
@@ -157,7 +170,7 @@ def pressure_centres(
 
 def _rows_of_steps(steps: Sequence[Footstep], t: Array) -> Iterator[tuple[Footstep, slice]]:
     """Each footstep with the rows of (N,) increasing times from its touch-down to the next touch-down of this foot."""
-    begin = np.searchsorted(t, [step.t_touch for step in steps])
+    begin = np.searchsorted(t, [step.t_press for step in steps])
     begin[0] = 0  # the first footstep takes all rows before its touch-down, too
     for step, a, b in zip(steps, begin, [*begin[1:], len(t)]):
         yield step, slice(int(a), int(b))

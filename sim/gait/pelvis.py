@@ -20,12 +20,13 @@ _SETTLED_M = 1e-5  # change of the height at which the iteration of `fit_pelvis_
 
 # Least flexion of the knees, and the height of the pelvis; chosen by hand, within what the legs reach.
 #
-# Off the level the least flexion is larger: down stairs people land on a bent knee; uphill, a nearly straight rear leg
-# would have to bend at hundreds of rad/s² as soon as its foot leaves, and the other foot would slip.
-_MIN_KNEE_RAD = np.radians(7.0)  # determines the height of the pelvis on the level
+# On the level it is that of people's straightest knees, 5-8° in the norms; with less, the centre of pressure leaves the
+# sole more often. Off the level it is larger: down stairs people land on a bent knee; uphill, a nearly straight rear
+# leg would have to bend at hundreds of rad/s² as soon as its foot leaves, and the other foot would slip.
+_MIN_KNEE_RAD = np.radians(6.5)  # determines the height of the pelvis on the level
 HARD_MIN_KNEE_RAD = np.radians(1.5)  # to which the legs may straighten
 _KNEE_DOWNSTAIRS_RAD = np.radians(16.0)  # least flexion at the landing on a tread, downstairs
-_KNEE_UPSTAIRS_RAD = np.radians(12.0)  # least flexion upstairs
+_KNEE_UPSTAIRS_RAD = np.radians(11.0)  # least flexion upstairs
 _KNEE_BY_SLOPE = 1.5  # additional rad per rad of slope
 _MAX_KNEE_BY_SLOPE_RAD = np.radians(20.0)  # limit of the least flexion uphill
 _STANDING_HEIGHT = 0.99  # leg lengths
@@ -97,7 +98,7 @@ def min_knee_flexion(rhythm: Rhythm, t: Array) -> Array:
     return rhythm.blend(t, bent, _MIN_KNEE_RAD, _MIN_KNEE_RAD)
 
 
-def level_height(rhythm: Rhythm, t: Array, leg_m: float) -> tuple[Array, Array, Array]:
+def level_height(rhythm: Rhythm, t: Array, leg_m: float, rise: Array) -> tuple[Array, Array, Array]:
     """Height of the pelvis on the level, from the styles of the steps.
 
     The oscillation is Σ leg (a_k cos 2πkφ + b_k sin 2πkφ) over three harmonics of the phase φ of the steps.
@@ -106,6 +107,7 @@ def level_height(rhythm: Rhythm, t: Array, leg_m: float) -> tuple[Array, Array, 
         rhythm: Steps.
         t: (N,) uniform s.
         leg_m: Hip centre to sole, m.
+        rise: (K,) oscillation in each step relative to the style's.
 
     Returns:
         (N,) mean height in the world, m; (N,) oscillation about it, m; and (N,) share of level ground, 0-1.
@@ -123,7 +125,7 @@ def level_height(rhythm: Rhythm, t: Array, leg_m: float) -> tuple[Array, Array, 
     for k in (1, 2, 3):  # entries 2 k − 1 and 2 k of the style's `height` are a_k and b_k
         for index, harmonic in ((2 * k - 1, np.cos(k * psi)), (2 * k, np.sin(k * psi))):
             amplitudes = np.array([step.style.height[index] for step in rhythm.steps])
-            wave += leg_m * rhythm.blend(t, level * amplitudes, 0.0, 0.0) * harmonic
+            wave += leg_m * rhythm.blend(t, level * rise * amplitudes, 0.0, 0.0) * harmonic
     return mean, wave, rhythm.blend(t, level, 1.0, 1.0)
 
 

@@ -1,7 +1,7 @@
 """Motion of pelvis, trunk, head and arms with the feet, and the walker's gaze.
 
-The gaze is along the path, down at the ground of the next steps, or around. The head is held still in space between
-movements, as balance reflexes do (Pozzo, Berthoz & Lefort 1990); the chest follows it less.
+The gaze is along the path, down at the ground of the next steps, or around; the chest follows it less. Between
+movements the head sways with the stride alone (`body_sway`), and pitches against its own rise and fall.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stridetwin.sim.config import Gaze
+from stridetwin.sim.gait.body_sway import Sway
 from stridetwin.sim.gait.foot_path import FootPath
 from stridetwin.sim.gait.footsteps import Rhythm
 from stridetwin.sim.kinematics.smooth import ease, smooth_gaussian
@@ -140,12 +141,9 @@ def _draw_gaze_shifts(t: Array, rng: np.random.Generator) -> tuple[Array, Array]
 _STANDING_TILT_RAD = np.radians(11.0)  # of the pelvis
 _TILT_BY_EFFORT = 0.20  # rad per unit of slope uphill
 _TILT_BACK_BY_DESCENT = 0.31  # rad per unit of slope: downhill the pelvis tilts back
-_LIST_PEAK = 0.34  # share of a step after touch-down
 _TORSO_LEAN_RAD = 0.03  # forward, on level ground
 _LEAN_BY_EFFORT = 0.26  # rad per unit of slope uphill
 _MAX_EFFORT = 0.7  # slope
-_TORSO_AGAINST_PELVIS = (0.6, 0.35)  # share of the pelvis' yaw and roll, opposite
-_HEAD_WITH_PELVIS = 0.1  # share of the pelvis' yaw
 _ARM_SWING_RAD = 0.62  # per leg length of distance between the feet
 _ARM_FORWARD = 0.8  # forward swing relative to backward swing
 _ARM_FLEXION_RAD = 0.02  # mean
@@ -181,9 +179,11 @@ def plan_posture(
     t: Array,
     profile: Sequence[Strip],
     gaze: Gaze,
+    sway: Sway,
+    wave: Array,
     rng: np.random.Generator,
 ) -> Posture:
-    """Posture for the motion of the feet; the styles of the steps give the amplitudes of the pelvis.
+    """Posture for the motion of the feet: the sway of the stride about slower changes with ground, turns and gaze.
 
     Args:
         rhythm: Steps.
@@ -192,6 +192,8 @@ def plan_posture(
         t: (N,) uniform s.
         profile: Ground along the way.
         gaze: Gaze of the walker.
+        sway: Sway of the walker.
+        wave: (N,) m, oscillation of the pelvis' height; the head pitches against it.
         rng: Draws the directions of a wandering gaze; other kinds do not use it.
     """
     dt = float(t[1] - t[0])
@@ -200,29 +202,28 @@ def plan_posture(
     # how far the right foot is in front of the left one, in leg lengths
     ahead = (apart[:, 0] * np.cos(heading) + apart[:, 1] * np.sin(heading)) / leg_m
     stride = smooth_gaussian(ahead, _SWING_SMOOTHING_S, dt)
-    # (N,) −1 to 1: each side of the pelvis is highest `_LIST_PEAK` of a step after its touch-down. The left foot
-    # touches down at phase 1, where the first step ends, if it makes that step; otherwise its stance begins at phase 0
-    list_to_left = np.cos(np.pi * (rhythm.phase(t) - float(rhythm.steps[0].foot == "l") - _LIST_PEAK))
     s = (paths["l"].s + paths["r"].s) / 2
     # mean slope of the ground from just behind the feet to the point of gaze
     rise = profile_height(profile, s + _SLOPE_AHEAD_M) - profile_height(profile, s - _SLOPE_BEHIND_M)
     climb = smooth_gaussian(rise / (_SLOPE_AHEAD_M + _SLOPE_BEHIND_M), _CLIMB_SMOOTHING_S, dt)
     effort = np.clip(climb, 0.0, _MAX_EFFORT)
-    yaw = rhythm.blend_style(t, "turn", 0.0) * stride
-    roll = rhythm.blend_style(t, "list_", 0.0) * list_to_left
+    swaying = sway.angles(rhythm, t)
     pitch = rhythm.blend_style(t, "tilt", _STANDING_TILT_RAD) + _TILT_BY_EFFORT * effort
-    pitch += _TILT_BACK_BY_DESCENT * np.minimum(climb, 0.0)
+    pitch += _TILT_BACK_BY_DESCENT * np.minimum(climb, 0.0) + swaying["pelvis_pitch"]
     eyes = plan_gaze(gaze, t, s, climb, profile, leg_m, rng)
-    torso_pitch = _TORSO_LEAN_RAD + _LEAN_BY_EFFORT * effort + eyes.chest_pitch
+    torso_pitch = _TORSO_LEAN_RAD + _LEAN_BY_EFFORT * effort + eyes.chest_pitch + swaying["chest_pitch"]
     # rad, by which trunk and head turn ahead of the pelvis' heading
     trunk = _advance_in_time(heading, _TRUNK_LEADS_S, dt) - heading
     head = _advance_in_time(heading, _HEAD_LEADS_S, dt) - heading
     # rotations from the heading's own frame, so that several full turns do not matter; angles: yaw, pitch, roll
+    yaw, roll = swaying["pelvis_yaw"], swaying["pelvis_roll"]
     R_pelvis = from_euler(np.stack([yaw, pitch, roll], -1))
-    against_yaw, against_roll = _TORSO_AGAINST_PELVIS
-    R_torso = from_euler(np.stack([trunk - against_yaw * yaw + eyes.chest_yaw, torso_pitch, -against_roll * roll], -1))
-    head_yaw = head + _HEAD_WITH_PELVIS * yaw + eyes.head_yaw
-    R_head = from_euler(np.stack([head_yaw, eyes.head_pitch, np.zeros_like(yaw)], -1))
+    torso_yaw = trunk + eyes.chest_yaw + swaying["chest_yaw"]
+    R_torso = from_euler(np.stack([torso_yaw, torso_pitch, swaying["chest_roll"]], -1))
+    head_yaw = head + eyes.head_yaw + swaying["head_yaw"]
+    # down while it rises: the gaze stays on a point `fixation_m` ahead
+    head_pitch = eyes.head_pitch + wave / sway.fixation_m + swaying["head_pitch"]
+    R_head = from_euler(np.stack([head_yaw, head_pitch, swaying["head_roll"]], -1))
     joints = {
         **_hinge_angles("lumbar", np.swapaxes(R_pelvis, 1, 2) @ R_torso),
         **_hinge_angles("neck", np.swapaxes(R_torso, 1, 2) @ R_head),

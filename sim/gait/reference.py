@@ -16,11 +16,19 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline, make_interp_spline
 
 from stridetwin.sim.config import SIDES, TwinConfig
+from stridetwin.sim.gait.body_sway import plan_sway
 from stridetwin.sim.gait.exo_fit import ExoLeg, fit_leg, leg_pose, solve_leg_dynamics
 from stridetwin.sim.gait.foot_path import FootPath, foot_path, with_heel_rise
 from stridetwin.sim.gait.footsteps import Footstep, Rhythm, plan_footsteps
 from stridetwin.sim.gait.leg_ik import LegAngles, solve_leg
-from stridetwin.sim.gait.load import add_quiet_stance, cop_travel, load_shares, pressure_centres, standing_time
+from stridetwin.sim.gait.load import (
+    add_quiet_stance,
+    cop_travel,
+    in_flight,
+    load_shares,
+    pressure_centres,
+    standing_time,
+)
 from stridetwin.sim.gait.pelvis import (
     HARD_MIN_KNEE_RAD,
     fit_pelvis_height,
@@ -34,6 +42,7 @@ from stridetwin.sim.gait.style import leg_length
 from stridetwin.sim.gait.swing_variability import set_down_softly, vary_swings
 from stridetwin.sim.kinematics.coordinates import Coordinates
 from stridetwin.sim.kinematics.rigid_tree import Tree, root_wrench
+from stridetwin.sim.kinematics.smooth import ease
 from stridetwin.sim.walk import GivenWalk
 from stridetwin.sim.wearer.body import LEG_JOINTS
 from stridetwin.sim.wearer.dimensions import Wearer
@@ -129,6 +138,7 @@ _ZMP_GAIN = 0.85  # the height follows the legs' reach, which reacts to the corr
 _STRIDE = 2  # half the grid's rate is enough for the correction and the frame's angles
 _ROUGH_STRIDE = 4  # and a quarter for the frame's first fit, which affects the correction alone
 _COM_ABOVE_PELVIS_M = 0.03  # height of the centre of mass over the pelvis, for the first path of the pelvis
+_LEAST_FORCE = 0.15  # share of the body's weight, above which the zero-moment point counts
 _REACH_TOLERANCE_M = 5e-4  # a foot farther out of reach is an error
 
 
@@ -152,7 +162,11 @@ class Reference(GivenWalk):
 
     def contact_shares(self, t: NDArray[np.floating]) -> Array:
         """(N, 8) at (N,) s: share of the load and centre of pressure (3, m, world) of the left, then the right foot."""
-        return self.loads(t)
+        loads = np.asarray(self.loads(t))
+        if any(step.is_run for steps in self.steps.values() for step in steps):
+            flight = in_flight(self.steps, np.asarray(t, dtype=np.float64))
+            loads[flight, 0] = loads[flight, 4] = 0.0  # the shares of both feet
+        return loads
 
     def progress(self, t: NDArray[np.floating]) -> Array:
         """(N,) m, arc length along the way at (N,) s, midway between the feet."""
@@ -173,7 +187,7 @@ def plan_reference(
         model: Compiled model of the wearer on the terrain.
         size: Dimensions of the wearer.
         terrain: Ground.
-        rng: Varies the steps, and draws a wandering gaze.
+        rng: Varies the steps, draws a wandering gaze, and spawns the stream of the walker's sway.
 
     Raises:
         StrideTwinError: The legs cannot reach the footsteps.
@@ -191,14 +205,16 @@ def plan_reference(
     # `planned_zmp` (N, 3) is the centre of pressure of both feet together
     paths = {side: foot_path(steps[side], size, t, terrain.height) for side in SIDES}
     shares = add_quiet_stance(load_shares(steps, t), steps, t)
-    standing = standing_time(steps, t)
+    standing, flight = standing_time(steps, t), in_flight(steps, t)
     travels = {side: cop_travel(steps[side], t, standing) for side in SIDES}
     centres, planned_zmp = _centres_of_pressure(steps, paths, shares, travels, size, t, terrain.height)
     rhythm, leg_m = Rhythm.of(steps), leg_length(size)
-    pose = plan_posture(rhythm, paths, leg_m, t, terrain.profile, config.gait.gaze, rng)
-    R_pelvis = from_euler(pose.pelvis)
+    # from a stream of its own, so that other draws do not depend on it
+    sway = plan_sway(rhythm, leg_m, rng.spawn(1)[0])
     # height of the pelvis on the level (mean and oscillation), and the share of level ground
-    mean, wave, level = level_height(rhythm, t, leg_m)
+    mean, wave, level = level_height(rhythm, t, leg_m, sway.rise)
+    pose = plan_posture(rhythm, paths, leg_m, t, terrain.profile, config.gait.gaze, sway, wave, rng)
+    R_pelvis = from_euler(pose.pelvis)
     min_knee = min_knee_flexion(rhythm, t)
 
     # first path of the pelvis over the ground (N, 2): that of a pendulum of constant height; κ is its height divided by
@@ -226,10 +242,15 @@ def plan_reference(
             coarse = t[::_STRIDE]
             q, v, a = layout.evaluate(splines, coarse)
             force, moment, com = root_wrench(tree, q, v, a, model.opt.gravity)
-            zmp, kappa = zero_moment_point(
-                q[:, :3], force, moment, com[:, 2], planned_zmp[::_STRIDE, 2], float(tree.mass.sum())
-            )
-            error = solve_cart_table(planned_zmp[::_STRIDE, :2] - zmp, kappa, _STRIDE * GRID_S)
+            mass = float(tree.mass.sum())
+            pressing = np.ones(len(coarse))
+            if flight.any():  # a foot that hardly presses does not move the body by its place
+                weight = -mass * model.opt.gravity[2]
+                pressing = ease((force[:, 2] / weight - _LEAST_FORCE) / _LEAST_FORCE)
+                force[:, 2] = np.maximum(force[:, 2], _LEAST_FORCE * weight)
+            zmp, kappa = zero_moment_point(q[:, :3], force, moment, com[:, 2], planned_zmp[::_STRIDE, 2], mass)
+            wrong = (planned_zmp[::_STRIDE, :2] - zmp) * pressing[:, None]
+            error = solve_cart_table(wrong, kappa, _STRIDE * GRID_S)
             over_ground = over_ground + _ZMP_GAIN * make_interp_spline(coarse, error, k=5)(t)
         if round_ in _HEEL_ROUNDS:
             # the heels rise where the ankles would bend too far; the centres of pressure follow

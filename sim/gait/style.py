@@ -41,8 +41,6 @@ class Style:
         forward: (5,) polynomial of the swing foot's forward offset from its smooth path, in leg lengths.
         lift: (5,) polynomial of its height above that path, in leg lengths.
         tilt: Anterior pelvis tilt, rad.
-        turn: Pelvis rotation per leg length of distance between the feet, rad.
-        list_: Amplitude of the pelvis obliquity, rad.
     """
 
     double_support: float
@@ -56,8 +54,6 @@ class Style:
     forward: Array
     lift: Array
     tilt: float
-    turn: float
-    list_: float
 
     @classmethod
     def from_vector(cls, x: Array) -> Style:
@@ -83,8 +79,6 @@ SIZES = {
     "forward": 5,
     "lift": 5,
     "tilt": 1,
-    "turn": 1,
-    "list_": 1,
 }
 """Number of entries of each field of `Style`, in the order of the fields."""
 LABELS = tuple(f"{name}_{i}" if n > 1 else name for name, n in SIZES.items() for i in range(n))
@@ -214,12 +208,11 @@ def prolong(style: Style, longer: float, swing_longer: float = 1.0) -> Style:
 
 
 def _scale_amplitudes(style: Style, k: float) -> Style:
-    """Style with smaller amplitudes: pitch, swing and pelvis list times k, the pelvis' oscillation times k²."""
+    """Style with smaller amplitudes: pitch, swing times k, the pelvis' oscillation times k²."""
     return replace(
         style,
         pitch=k * style.pitch,
         height=np.append(style.height[0], k**2 * style.height[1:]),
         forward=k * style.forward,
         lift=k * style.lift,
-        list_=k * style.list_,
     )

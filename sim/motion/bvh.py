@@ -54,11 +54,11 @@ def read_hierarchy(path: Path) -> JointMotion:
     Raises:
         ConfigError: The file is no such hierarchy.
     """
-    words = read_text(path).split()
-    joints, begin = _read_head(path, words)
-    frames, dt, begin = _read_counts(path, words, begin)
+    tokens = read_text(path).split()
+    joints, begin = _read_head(path, tokens)
+    frames, dt, begin = _read_counts(path, tokens, begin)
     count = sum(len(joint.channels) for joint in joints)
-    rest = words[begin:]
+    rest = tokens[begin:]
     if count == 0 or len(rest) != frames * count:
         raise ConfigError(path, "MOTION", f"{len(rest)} numbers", f"{frames} frames of {count} channels")
     check_length(path, frames)
@@ -89,34 +89,34 @@ def read_hierarchy(path: Path) -> JointMotion:
     )
 
 
-def _read_head(path: Path, words: list[str]) -> tuple[list[_Joint], int]:
+def _read_head(path: Path, tokens: list[str]) -> tuple[list[_Joint], int]:
     """Joints, and number of the word after them.
 
     Raises:
         ConfigError: The head is incomplete.
     """
-    if not words or words[0].upper() != "HIERARCHY":
-        raise ConfigError(path, "", words[0][:40] if words else "", "HIERARCHY")
+    if not tokens or tokens[0].upper() != "HIERARCHY":
+        raise ConfigError(path, "", tokens[0][:40] if tokens else "", "HIERARCHY")
     joints: list[_Joint] = []
     carriers: list[int] = []  # of the open braces
     at = 1
     try:
-        while words[at].upper() != "MOTION":
-            word = words[at].upper()
+        while tokens[at].upper() != "MOTION":
+            word = tokens[at].upper()
             if word in ("ROOT", "JOINT", "END"):
-                until = words.index("{", at)
-                name = " ".join(words[at + 1 : until])
+                until = tokens.index("{", at)
+                name = " ".join(tokens[at + 1 : until])
                 joints.append(_Joint(name=f"end of {joints[carriers[-1]].name}" if word == "END" else name,
                                      parent=carriers[-1] if carriers else -1))  # fmt: skip
                 carriers.append(len(joints) - 1)
                 at = until + 1
             elif word == "OFFSET":
-                x, y, z = map(float, words[at + 1 : at + 4])
+                x, y, z = map(float, tokens[at + 1 : at + 4])
                 joints[carriers[-1]].offset = (x, y, z)
                 at += 4
             elif word == "CHANNELS":
-                count = int(words[at + 1])
-                channels = [channel.lower() for channel in words[at + 2 : at + 2 + count]]
+                count = int(tokens[at + 1])
+                channels = [channel.lower() for channel in tokens[at + 2 : at + 2 + count]]
                 if not set(channels) <= _CHANNELS:
                     raise ConfigError(path, "CHANNELS", " ".join(channels), "Xposition, Zrotation and the like")
                 joints[carriers[-1]].channels = channels
@@ -125,29 +125,29 @@ def _read_head(path: Path, words: list[str]) -> tuple[list[_Joint], int]:
                 carriers.pop()
                 at += 1
             else:
-                raise ConfigError(path, "HIERARCHY", words[at][:40], "JOINT, OFFSET, CHANNELS, End Site or braces")
+                raise ConfigError(path, "HIERARCHY", tokens[at][:40], "JOINT, OFFSET, CHANNELS, End Site or braces")
             if len(joints) > _MAX_JOINTS:
                 raise ConfigError(path, "HIERARCHY", f"more than {_MAX_JOINTS} joints", "a skeleton of a person")
     except (IndexError, ValueError):
-        near = " ".join(words[max(0, at - 2) : at + 2])
+        near = " ".join(tokens[max(0, at - 2) : at + 2])
         raise ConfigError(path, "HIERARCHY", near[:60], "joints with OFFSET and CHANNELS, then MOTION") from None
     if [joint.parent for joint in joints].count(-1) != 1 or carriers:
         raise ConfigError(path, "HIERARCHY", f"{len(joints)} joints", "one ROOT that carries all joints")
     return joints, at + 1
 
 
-def _read_counts(path: Path, words: list[str], at: int) -> tuple[int, float, int]:
+def _read_counts(path: Path, tokens: list[str], at: int) -> tuple[int, float, int]:
     """Number of frames, time between two, s, and number of the word after them.
 
     Raises:
         ConfigError: They are missing.
     """
     try:
-        if words[at].lower() != "frames:" or [word.lower() for word in words[at + 2 : at + 4]] != ["frame", "time:"]:
+        if tokens[at].lower() != "frames:" or [word.lower() for word in tokens[at + 2 : at + 4]] != ["frame", "time:"]:
             raise ValueError
-        frames, dt = int(words[at + 1]), float(words[at + 4])
+        frames, dt = int(tokens[at + 1]), float(tokens[at + 4])
     except (IndexError, ValueError):
-        near = " ".join(words[at : at + 5])
+        near = " ".join(tokens[at : at + 5])
         raise ConfigError(path, "MOTION", near[:60], "Frames: and Frame Time:") from None
     if not (frames > 0 and 0.0 < dt < 1.0):
         raise ConfigError(path, "Frame Time", dt, "s between 0 and 1")

@@ -10,7 +10,14 @@ import numpy as np
 from stridetwin.sim.config import Route
 from stridetwin.sim.motion.feet import ground_foot
 from stridetwin.sim.motion.ground import Ground, RoutePlacement, find_ground, place_route
-from stridetwin.sim.motion.ik import PointSet, calibrate, initial_coordinates, point_errors, solve_coordinates
+from stridetwin.sim.motion.ik import (
+    PointSet,
+    calibrate,
+    cutoffs_of,
+    initial_coordinates,
+    point_errors,
+    solve_coordinates,
+)
 from stridetwin.sim.motion.marker_sets import MarkerPlace, place_markers
 from stridetwin.sim.motion.parameters import MotionParameters
 from stridetwin.sim.motion.read import MarkerTable
@@ -18,13 +25,14 @@ from stridetwin.sim.motion.rests import FootRest, FootTrack, stances_of
 from stridetwin.sim.motion.segments import SegmentMotion, fit_legs, points_of
 from stridetwin.sim.motion.skeleton import Skeleton, lengths_of
 from stridetwin.sim.people import Person
-from stridetwin.sim.wearer.body import LEG_JOINTS
 from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
 
 SIDES = ("l", "r")
 _GROUNDING_ROUNDS = 2  # of calibration with feet on the ground
+_PINNING_ROUNDS = 6
+_ROUNDS_FROM_STANDING = 10  # Gauss-Newton steps where nothing but the pelvis is known at the start
 _REST_SD_M = 0.002  # scatter of a sole that rests, in the calibration
 
 
@@ -135,7 +143,7 @@ def fit_segments(
     skeleton = Skeleton.of(person)
     points = points_of(motion, skeleton, parameters)
     x = initial_coordinates(skeleton, points, motion.source)
-    x = solve_coordinates(skeleton, points, x, motion.dt, parameters)
+    x = solve_coordinates(skeleton, points, x, motion.dt, parameters, rounds=_ROUNDS_FROM_STANDING)
     return ground_walk(skeleton, person, points, x, motion.dt, parameters, route)
 
 
@@ -190,10 +198,11 @@ def ground_walk(
         soles = _foot_points(skeleton, placed, 1.0 / parameters.foot_sd_m)
         targets = soles if targets is None else targets.append(soles)
     assert targets is not None
-    # the legs follow the feet at once, the trunk slowly: otherwise it would be shaken by what the feet are corrected
-    is_leg = np.array([name.rpartition("_")[0] in LEG_JOINTS for name in skeleton.layout.names])
-    cutoffs = np.where(is_leg, parameters.cutoff_hz, parameters.follow_hz)
-    pinned = solve_coordinates(skeleton, points, x, dt, parameters, targets=targets, cutoffs_hz=cutoffs)
+    # legs and trunk follow slowly what the feet are corrected: a knee that is nearly straight turns far for some mm
+    cutoffs = cutoffs_of(skeleton, parameters.leg_follow_hz, parameters.follow_hz)
+    pinned = solve_coordinates(
+        skeleton, points, x, dt, parameters, rounds=_PINNING_ROUNDS, targets=targets, follow_hz=cutoffs
+    )
     return FittedWalk(
         person=person,
         skeleton=skeleton,

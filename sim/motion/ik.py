@@ -20,14 +20,16 @@ from stridetwin.sim.motion.parameters import MotionParameters
 from stridetwin.sim.motion.read import MarkerTable
 from stridetwin.sim.motion.skeleton import LENGTHS, LengthChanges, Skeleton, length_values, lengths_of, with_lengths
 from stridetwin.sim.people import Person
+from stridetwin.sim.wearer.body import LEG_JOINTS
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
 
 _CHUNK = 256  # frames whose Jacobians are held at once
 _STATURE_M = 1.741  # of the person for whom the sets of markers are written
-_INDEPENDENT_FRAMES = 20.0  # a skin marker's error changes slowly: frames of a walk whose errors are independent
+_INDEPENDENT_FRAMES = 4.0  # skin moves with the posture and returns with it: frames whose errors are independent
 _LENGTH_SD = {"hip_width_m": 0.01, "trunk_m": 0.05, "ankle_height_m": 0.012, "shoe_m": 0.015}
 _USUAL_LENGTH_SD_M = 0.03
+_FITTED_M = 2e-4  # largest change of a length or place in the last step
 _LENGTH_LIMITS_M = {
     "thigh_m": (0.28, 0.56), "shank_m": (0.28, 0.56), "ankle_height_m": (0.06, 0.15), "hip_width_m": (0.11, 0.24),
     "trunk_m": (0.60, 1.05), "shoulder_width_m": (0.24, 0.50), "upper_arm_m": (0.20, 0.40),
@@ -168,7 +170,7 @@ def solve_coordinates(
     parameters: MotionParameters,
     rounds: int | None = None,
     targets: PointSet | None = None,
-    cutoffs_hz: Array | None = None,
+    follow_hz: Array | None = None,
 ) -> Array:
     """(N, D) coordinates that fit the paths of points best, smooth in time.
 
@@ -180,7 +182,7 @@ def solve_coordinates(
         parameters: Scatter, smoothing and number of steps.
         rounds: Number of steps, if it is another one.
         targets: Further points, whose paths are smooth already, so that they do not decide how much is smoothed.
-        cutoffs_hz: (D,) if given, not the coordinates are smoothed but their differences from those to begin with, each
+        follow_hz: (D,) if given, not the coordinates are smoothed but their differences from those to begin with, each
             with its own frequency.
     """
     start = x
@@ -191,13 +193,20 @@ def solve_coordinates(
         if smoothing is None:
             typical = np.mean(H, axis=0)  # of positive definite matrices, hence positive definite
             information = 1.0 / np.diag(np.linalg.inv(typical))
-            cutoffs = parameters.cutoff_hz if cutoffs_hz is None else cutoffs_hz
+            usual = cutoffs_of(skeleton, parameters.cutoff_hz, parameters.trunk_cutoff_hz)
+            cutoffs = usual if follow_hz is None else follow_hz
             smoothing = information * (2.0 * np.pi * cutoffs * dt) ** -6
         if targets is not None:
             H_targets, g_targets = _point_equations(skeleton, targets, x, parameters)
             H, g = H + H_targets, g + g_targets
-        x = x + _solve_smooth(H, g, x if cutoffs_hz is None else x - start, smoothing)
+        x = x + _solve_smooth(H, g, x if follow_hz is None else x - start, smoothing)
     return x
+
+
+def cutoffs_of(skeleton: Skeleton, leg_hz: float, trunk_hz: float) -> Array:
+    """(D,) Hz, one frequency for the joints of the legs, and one for all other coordinates."""
+    is_leg = np.array([name.rpartition("_")[0] in LEG_JOINTS for name in skeleton.layout.names])
+    return np.where(is_leg, leg_hz, trunk_hz)
 
 
 def calibrate(
@@ -231,7 +240,7 @@ def calibrate(
     low, high = np.array([_LENGTH_LIMITS_M[name] for name in LENGTHS]).T
     prior_precision = np.concatenate([length_sd**-2, np.repeat(points.sd_m[free], 3) ** -2])
     share = min(1.0, _INDEPENDENT_FRAMES / len(frames))
-    changes = LengthChanges.of(person)
+    changes = LengthChanges.of(lengths_of(replace(person, segments=None, shoe_m=None)))  # the same for all lengths
     L = len(LENGTHS)
     for _ in range(rounds or parameters.calibration_rounds):
         person = with_lengths(person, lengths)
@@ -241,13 +250,16 @@ def calibrate(
         H, g, cross, shared, shared_g = _shared_equations(skeleton, points, changes, free, x, prior, parameters)
         off = np.concatenate([lengths - start_lengths, (places - start_places)[free].ravel()])
         solved = np.linalg.solve(H, np.concatenate([cross, g[..., None]], axis=2))
-        reduced = share * (shared - np.einsum("nda,ndb->ab", cross, solved[..., :-1])) + np.diag(prior_precision)
-        right = share * (shared_g - np.einsum("nda,nd->a", cross, solved[..., -1])) - prior_precision * off
+        eliminated = cross.reshape(-1, cross.shape[2]).T @ solved.reshape(-1, solved.shape[2])
+        reduced = share * (shared - eliminated[:, :-1]) + np.diag(prior_precision)
+        right = share * (shared_g - eliminated[:, -1]) - prior_precision * off
         step = np.linalg.solve(reduced, right)
         x = x + solved[..., -1] - solved[..., :-1] @ step
         lengths = np.clip(lengths + step[:L], low, high)
         places = places.copy()
         places[free] += step[L:].reshape(-1, 3)
+        if np.abs(step).max() < _FITTED_M:
+            break
     return with_lengths(person, lengths), replace(points_all, places=places)
 
 
@@ -335,7 +347,8 @@ def _shared_equations(
     by_shared[..., :L] = changes.jacobian(skeleton, poses, points.bodies)
     for k, marker in enumerate(free):
         by_shared[:, marker, :, L + 3 * k : L + 3 * k + 3] = poses.R[:, points.bodies[marker]]
-    K = (by_shared * w[..., None, None]).reshape(n, -1, S)
+    by_shared *= w[..., None, None]
+    K = by_shared.reshape(n, -1, S)
     H, g = np.swapaxes(J, 1, 2) @ J, np.einsum("nkd,nk->nd", J, e)
     _add_priors(skeleton, x, prior, parameters, H, g)
     diagonal = np.arange(6)

@@ -42,6 +42,11 @@ _NEEDED = ("pelvis_tilt", "pelvis_list", "pelvis_rotation", "pelvis_tx", "pelvis
 # Rajagopal et al. 2016, whose knees bend in the positive one
 _HIPS_M = {-1.0: (-0.0707, -0.0661, 0.0), 1.0: (-0.0563, -0.0785, 0.0)}
 _HIP_WIDTH_M = {-1.0: 0.167, 1.0: 0.1545}
+# by which the shank slides forward and up in the knee of gait2392 (Yamaguchi & Zajac 1989), m, by its angle, rad
+_SLIDE_X = ((-2.0944, -1.7453, -1.3963, -1.0472, -0.6981, -0.3491, -0.1745, 0.0, 0.1973),
+            (0.0013, 0.0065, 0.0088, 0.0088, 0.0068, 0.0036, 0.0014, 0.0, -0.0007))  # fmt: skip
+_SLIDE_Z = ((-2.0944, -1.2217, -0.5236, -0.3491, -0.1745, 0.0, 0.1592),
+            (-0.0275, -0.0127, -0.0033, -0.0018, -0.0008, 0.0, 0.0006))  # fmt: skip
 _SOLE_OUTWARD_M = 0.008  # of the calcaneus' origin from the talus'
 _MAX_RAD, _LEAST_KNEE_RAD = 4.0 * np.pi, 0.12
 _FARTHEST_M = 20.0  # height of a pelvis; those in mm or cm are beyond it
@@ -85,6 +90,10 @@ def read_opensim(table: NumberTable, person: Person) -> SegmentMotion:
     width = None if person.segments is None else person.segments.hip_width_m
     scale = 1.0 if width is None else width / _HIP_WIDTH_M[bends]
     hips = p + R["pelvis"] @ (scale * np.array(_HIPS_M[bends]))
+    slides = {}
+    for side in ("l", "r") if bends < 0.0 else ():
+        slide_x, slide_z = (_interpolate(knots, used[f"knee_angle_{side}"]) for knots in (_SLIDE_X, _SLIDE_Z))
+        slides[side] = np.stack([slide_x, np.zeros_like(slide_x), slide_z], axis=1)
     return SegmentMotion(
         source=table.source,
         dt=dt,
@@ -92,7 +101,14 @@ def read_opensim(table: NumberTable, person: Person) -> SegmentMotion:
         R={body: _AXES @ R_body @ _AXES.T for body, R_body in R.items()},
         lengths={},
         sole_outward_m=_SOLE_OUTWARD_M,
+        knee_slide=slides,
     )
+
+
+def _interpolate(knots: tuple[tuple[float, ...], tuple[float, ...]], angle: Array) -> Array:
+    """(N,) m at (N,) rad, smooth between the knots and constant beyond them."""
+    at, values = knots
+    return np.asarray(make_interp_spline(at, values, k=3)(np.clip(angle, at[0], at[-1])))
 
 
 def _bare_name(name: str) -> str:

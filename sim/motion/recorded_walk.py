@@ -82,12 +82,12 @@ def make_recorded_walk(fitted: FittedWalk, model: mujoco.MjModel, size: Wearer, 
     pitches, columns = {}, []
     shares = _share_load(fitted.rests, len(t), fitted.dt)
     for track in feet:
-        own = [i for i, rest in enumerate(fitted.rests) if rest.side == track.side]
-        slope = _slope_over_time(fitted.rests, own, slopes, len(t))
+        numbers = [i for i, rest in enumerate(fitted.rests) if rest.side == track.side]
+        slope = _slope_over_time(fitted.rests, numbers, slopes, len(t))
         ahead = track.R[:, :, 0]
         pitch = np.arcsin(np.clip(-ahead[:, 2], -1.0, 1.0)) + slope * ahead[:, 0]
         pitches[track.side] = pitch
-        centres = _pressure_centres(track, [fitted.rests[i] for i in own], pitch, heights[own], size.shoe)
+        centres = _pressure_centres(track, [fitted.rests[i] for i in numbers], pitch, heights[numbers], size.shoe)
         columns += [shares[track.side][:, None], centres]
     way = terrain.layout.way
     return RecordedWalk(

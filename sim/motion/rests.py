@@ -91,7 +91,13 @@ def find_stances(track: FootTrack, shoe: Shoe, dt: float, parameters: MotionPara
         if heel_rest is None and ball_rest is None:
             continue
         both = (max(heel_rest[0], ball_rest[0]), min(heel_rest[1], ball_rest[1])) if heel_rest and ball_rest else (0, 0)
-        flat = both if both[1] - both[0] >= shortest else None
+        flat = (
+            _flat_part(heel[:, 2] - ball[:, 2], both, shortest, parameters) if both[1] - both[0] >= shortest else None
+        )
+        if flat is not None:  # the heel that has begun to rise, and the ball that still comes down, do not rest
+            assert heel_rest is not None
+            assert ball_rest is not None
+            heel_rest, ball_rest = (heel_rest[0], flat[1]), (flat[0], ball_rest[1])
         # the foot stays on the ground as long as a point of it moves slowly at the height of its rest
         level = min(heel[rows, 2].min(), ball[rows, 2].min())
         on = np.zeros(len(resting), dtype=bool)
@@ -116,17 +122,31 @@ def find_stances(track: FootTrack, shoe: Shoe, dt: float, parameters: MotionPara
     return _without_overlap(stances)
 
 
+def _flat_part(tilt: Array, span: Span, shortest: int, parameters: MotionParameters) -> Span:
+    """Rows of a span in which a sole is as flat as in most of them.
+
+    Args:
+        tilt: (N,) m, height of the heel above the ball.
+        span: Rows in which both rest.
+        shortest: Number of rows of the shortest rest.
+        parameters: What is flat.
+    """
+    rows = slice(*span)
+    part = _longest(np.abs(tilt[rows] - np.median(tilt[rows])) < parameters.flat_m, span[0], shortest)
+    return span if part is None else part
+
+
 def stances_of(feet: Sequence[FootTrack], shoe: Shoe, dt: float, parameters: MotionParameters) -> list[FootRest]:
     """Stances of both feet in order of time.
 
     Raises:
         StrideTwinError: A foot never rests.
     """
-    found = {track.side: find_stances(track, shoe, dt, parameters) for track in feet}
-    for side, stances in found.items():
+    stances_by_side = {track.side: find_stances(track, shoe, dt, parameters) for track in feet}
+    for side, stances in stances_by_side.items():
         if not any(stance.flat for stance in stances):
             raise StrideTwinError(f"the {'left' if side == 'l' else 'right'} foot never lies flat and still")
-    return sorted((s for stances in found.values() for s in stances), key=lambda s: s.ground[0])
+    return sorted((s for stances in stances_by_side.values() for s in stances), key=lambda s: s.ground[0])
 
 
 def _rest_pose(

@@ -13,7 +13,7 @@ the sole is turned so that it lies flat in the rests. Points that are fixed to t
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -29,7 +29,7 @@ from stridetwin.streams.samples import Array
 _ARM_M = 0.1  # from a joint to the points that show the orientation
 _FITTED = ("thigh_m", "shank_m", "hip_width_m")
 _SCATTER_M = (0.03, 0.03, 0.01, 0.02, 0.02)  # of these lengths, and of the place of the hips in the pelvis (x, z)
-_FOOT_WEIGHT = 2.0  # of points on the feet, which the ground shows, relative to those on other segments
+_FOOT_WEIGHT = 4.0  # of points on the feet, which the ground shows, relative to those on other segments
 _STILL_SD_M = 0.005  # of a foot in its rest
 _INDEPENDENT = 5.0  # rows of a rest whose errors are independent
 _ROUNDS = 4
@@ -49,6 +49,7 @@ class SegmentMotion:
         R: (N, 3, 3) by body of the wearer, body (x forward, y left, z up) to the laboratory.
         lengths: Lengths of segments that the source knows, by names of `LENGTHS`, m.
         sole_outward_m: By which the sole's middle is farther outward than the ankle.
+        knee_slide: (N, 3) m by side, in the thigh's axes, by which the shank slides in the knee; empty for hinges.
     """
 
     source: str
@@ -57,6 +58,7 @@ class SegmentMotion:
     R: Mapping[str, Array]
     lengths: Mapping[str, float]
     sole_outward_m: float = 0.0
+    knee_slide: Mapping[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Checks that there is a pelvis with two legs.
@@ -110,13 +112,14 @@ def fit_legs(motion: SegmentMotion, person: Person, parameters: MotionParameters
         )
         for side, out in _SIDES.items()
     }  # (N, 3, 5) by which each value moves the ankle
+    starts = {side: motion.hips + _slide(motion, side) for side in _SIDES}
     for _ in range(_ROUNDS):
         skeleton = Skeleton.of(person)
         anchor = skeleton.anchor[skeleton.index("foot_l")]
         tracks = [
             FootTrack(
                 side=side,
-                p=motion.hips + columns[side] @ values - soles[side] @ anchor,
+                p=starts[side] + columns[side] @ values - soles[side] @ anchor,
                 R=soles[side],
                 toe=np.zeros(len(motion.hips)),
             )
@@ -125,7 +128,7 @@ def fit_legs(motion: SegmentMotion, person: Person, parameters: MotionParameters
         rests = stances_of(tracks, skeleton.size.shoe, motion.dt, parameters)
         soles = {side: soles[side] @ _level_sole(soles[side], rests, side) for side in _SIDES}
         if fits_lengths:
-            values = _fit_lengths(motion.hips, columns, rests, prior)
+            values = _fit_lengths(starts, columns, rests, prior)
             lengths = length_values(person)
             lengths[free] = values[: len(free)]
             person = with_lengths(person, lengths)
@@ -158,6 +161,8 @@ def points_of(motion: SegmentMotion, skeleton: Skeleton, parameters: MotionParam
             continue
         R.append(motion.R.get(body, R[up]))
         p.append(p[up] + R[up] @ (skeleton.offset[b] + anchor) - R[b] @ anchor)
+        if body.startswith("shank"):
+            p[b] = p[b] + _slide(motion, body[-1])
         if body in motion.R:
             is_foot = body.startswith(("foot", "toe"))
             aside = motion.sole_outward_m * _SIDES[body[-1]] if is_foot else 0.0
@@ -191,11 +196,19 @@ def _level_sole(R: Array, rests: list[FootRest], side: str) -> Array:
     return np.asarray(Rotation.concatenate(off).mean().as_matrix())
 
 
-def _fit_lengths(hips: Array, columns: Mapping[str, Array], rests: list[FootRest], prior: Array) -> Array:
+def _slide(motion: SegmentMotion, side: str) -> Array:
+    """(N, 3) m, by which the shank slides in the knee, in the laboratory."""
+    slide = motion.knee_slide.get(side, np.zeros((len(motion.hips), 3)))
+    return np.einsum("nij,nj->ni", motion.R[f"thigh_{side}"], slide)
+
+
+def _fit_lengths(
+    starts: Mapping[str, Array], columns: Mapping[str, Array], rests: list[FootRest], prior: Array
+) -> Array:
     """(5,) lengths, and place of the hips in the pelvis, with which the ankles move least in rests.
 
     Args:
-        hips: (N, 3) m.
+        starts: (N, 3) m by side, the hips and what is not fitted.
         columns: (N, 3, 5) by side, displacement of the ankle by each value.
         rests: Stances of both feet.
         prior: (5,) values that are usual.
@@ -207,7 +220,7 @@ def _fit_lengths(hips: Array, columns: Mapping[str, Array], rests: list[FootRest
             rows = slice(*rest.flat)
             count = rest.flat[1] - rest.flat[0]
             weight = np.sqrt(min(1.0, _INDEPENDENT / count)) / _STILL_SD_M
-            moves, moved = columns[rest.side][rows], hips[rows]
+            moves, moved = columns[rest.side][rows], starts[rest.side][rows]
             A.append(weight * (moves - moves.mean(0)).reshape(-1, len(prior)))
             b.append(-weight * (moved - moved.mean(0)).ravel())
     return np.asarray(np.linalg.lstsq(np.vstack(A), np.concatenate(b), rcond=None)[0])

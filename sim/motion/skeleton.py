@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import mujoco
@@ -160,12 +161,13 @@ class LengthChanges:
     offset: Array
     anchor: Array
 
-    @classmethod
-    def of(cls, person: Person) -> LengthChanges:
+    @staticmethod
+    @lru_cache(maxsize=4)
+    def of(person: Person) -> LengthChanges:
         """Derivatives at a person, whose lengths are all given; places are linear in the lengths."""
         base = Skeleton.of(person)
         changed = [Skeleton.of(_with_length(person, name, _STEP_M)) for name in LENGTHS]
-        return cls(
+        return LengthChanges(
             offset=np.stack([(s.offset - base.offset) / _STEP_M for s in changed]),
             anchor=np.stack([(s.anchor - base.anchor) / _STEP_M for s in changed]),
         )

@@ -101,8 +101,8 @@ def apply_motion(config: TwinConfig) -> tuple[TwinConfig, FittedWalk]:
         person = given
     fitted = load_motion(_bare(motion), person, given_route)
     if motion.finds_terrain:
-        found = fitted.ground.route
-        route = replace(route, segments=found.segments, width_m=max(route.width_m, found.width_m))
+        found_route = fitted.ground.route
+        route = replace(route, segments=found_route.segments, width_m=max(route.width_m, found_route.width_m))
     motion = replace(motion, given_person=person, fitted_s=fitted.duration_s)
     return replace(config, person=fitted.person, route=route, motion=motion), fitted
 

@@ -220,7 +220,7 @@ def test_heel_strikes_shake_the_imus_that_they_are_asked_to_and_their_truth() ->
     t = before["/body/shank_l/imu"].t_ns * 1e-9
     near = np.any([(t > first - 0.002) & (t < first + 0.06) for first in touch], axis=0)
     assert 10.0 < shaken["shank_l"][near].max() < 60.0  # 20 m/s², more or less from strike to strike
-    assert shaken["shank_l"][near].max() > 3 * shaken["pelvis"].max() > 3.0  # which those of both feet reach
+    assert shaken["shank_l"][near].max() > 2 * shaken["pelvis"].max() > 2.0  # which those of both feet reach
     assert np.all(shaken["shank_l"][t < touch[0] - 0.01] == 0.0)
     assert np.all(shaken["shank_r"] == 0.0)
     # what is measured is the motion of the truth

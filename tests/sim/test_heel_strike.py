@@ -69,7 +69,7 @@ def test_velocity_and_rate_are_the_derivatives_of_the_pose(twin: Twin) -> None:
     np.testing.assert_allclose(upper.w_body[1:-1], turn, atol=2e-2)
 
 
-def test_nothing_is_left_of_it_in_mid_swing_and_it_stays_small(twin: Twin) -> None:
+def test_it_stays_small_and_nothing_but_the_end_of_the_toe_off_is_left_of_it_in_swing(twin: Twin) -> None:
     t = every(twin, 500.0)
     motion = twin.player().motion(t)
     for side in ("l", "r"):
@@ -80,9 +80,13 @@ def test_nothing_is_left_of_it_in_mid_swing_and_it_stays_small(twin: Twin) -> No
         assert np.radians(0.3) < rotated.max() < np.radians(10.0)
         steps = twin.walk.steps[side]
         for before, after in pairwise(steps):
-            swing = (t * 1e-9 > before.t_off) & (t * 1e-9 < after.t_touch)
-            assert apart[swing].max() == 0.0
-            assert rotated[swing].max() < 1e-12
+            since_s = t * 1e-9 - before.t_off
+            swing = (since_s > 0.0) & (t * 1e-9 < after.t_touch)
+            assert apart[swing].max() < 1e-3
+            assert rotated[swing].max() < np.radians(1.0)
+            late = swing & (since_s > 0.30)  # about five decay times of the slowest mode
+            assert apart[late].max(initial=0.0) < 5e-5
+            assert rotated[late].max(initial=0.0) < np.radians(0.02)
 
 
 @pytest.mark.parametrize(("rate_hz", "path_m"), [(120.0, 5e-3), (1000.0, 2e-4)])
@@ -110,18 +114,31 @@ def velocity_path_attitude(rate: Array, force: Array, sensor: Track) -> tuple[Ar
     return v, p, R
 
 
-def test_strikes_are_felt_beyond_8_g_at_1_khz(twin: Twin) -> None:
-    motion = twin.player().motion(every(twin, 1000.0))
-    block = perfect_imu(twin, "/foot_l/imu", 1000.0).read(motion.uppers["foot_l"], motion.t_ns)
-    force = np.linalg.norm(block.columns["specific_force"], axis=1)
-    peaks = [
-        force[round(1000 * s.t_touch) : round(1000 * s.t_touch) + 80].max() / 9.81
-        for s in twin.walk.steps["l"]
-        if 0.0 < s.t_touch < twin.duration_s - 2.0
-    ]
-    assert np.median(peaks) > 8.0
-    assert max(peaks) < 60.0
-    assert np.std(peaks) > 0.3  # no two strikes are alike
+def test_strikes_of_most_people_are_felt_beyond_8_g_at_1_khz() -> None:
+    medians = []
+    for seed in range(3, 8):  # some mounts are padded
+        twin = Twin(CONFIG, seed)
+        motion = twin.player().motion(every(twin, 1000.0))
+        block = perfect_imu(twin, "/foot_l/imu", 1000.0).read(motion.uppers["foot_l"], motion.t_ns)
+        force = np.linalg.norm(block.columns["specific_force"], axis=1)
+        peaks = [
+            force[round(1000 * s.t_touch) : round(1000 * s.t_touch) + 80].max() / 9.81
+            for s in twin.walk.steps["l"]
+            if 0.0 < s.t_touch < twin.duration_s - 2.0
+        ]
+        assert max(peaks) < 60.0
+        assert np.std(peaks) > 0.3  # no two strikes are alike
+        medians.append(np.median(peaks))
+    assert np.median(medians) > 8.0
+
+
+def test_feet_that_stand_sway_a_little(twin: Twin) -> None:
+    imu = twin.rig.imu("/foot_l/imu")
+    t = every(twin, 200.0, 0.0, 1.5)
+    sensor = twin.player().motion(t).uppers["foot_l"].to_sensor(imu.mount.T_body_sensor)
+    rate = np.sqrt((sensor.w_body**2).sum(1).mean())
+    assert 0.003 < rate < 0.1
+    assert np.linalg.norm(sensor.w_body.mean(0)) < rate  # it turns back
 
 
 def test_a_shoe_in_stance_is_not_perfectly_still(twin: Twin) -> None:

@@ -21,6 +21,7 @@ RAMP = (Level(length_m=3.0), Ramp(angle_rad=np.radians(5.0), rise_m=0.26), Level
 WALKS: dict[str, tuple[tuple[Segment, ...], Gait]] = {
     "wander": ((Level(length_m=12.0),), Gait.of_pattern("wander")),
     "jog": (CURVE, Gait.of_pattern("jog")),
+    "run": (CURVE, Gait.of_pattern("run")),
     "fast": (LEVEL, Gait(speed_mps=2.1)),
     "slow": ((Level(length_m=2.0),), Gait(speed_mps=0.1)),
     "fast stairs": (STAIRS, Gait(speed_mps=2.1)),
@@ -167,7 +168,8 @@ def test_fast_walkers_slow_down_before_stairs(twins: dict[str, Twin]) -> None:
 @pytest.mark.parametrize(
     ("walk", "field", "valid"),
     [
-        (Gait(pattern="run"), "pattern", "wander, walk, jog"),
+        (Gait(pattern="hop"), "pattern", "wander, walk, jog, run"),
+        (Gait.of_pattern("run", shuffle=0.5), "shuffle", "0 in a run"),
         (Gait(speed_mps=5.0), "speed_mps", "0.05-2.1"),
         (Gait(speed_mps=0.01), "speed_mps", "0.05-2.1"),
         (Gait(stairs="hop"), "stairs", "step_by_step"),

@@ -1,0 +1,345 @@
+"""The twin's foot IMU driven by markers of real feet, beside the real IMU of the same walk.
+
+`python -m benchmarks.driven_feet [--seeds 10] [--json]`. Both feet of `dual_foot_walk` (three markers a foot, found by
+`benchmarks.real_walks`) become rigid motions: markers filtered at 15 Hz without delay, soles and balls pinned to the
+ground while they rest (`sim.motion.feet`), quintic splines. The sensor sits where the real one was (least squares),
+on the shoe of the twin, and is a cheap part with the real one's rate and range, whose scale and alignment errors are
+those of a calibrated one. Each seed draws a part and a shoe. Rows: the real IMU, the driven one with part and shoe, and
+with one of them left out. A figure is good if it is 0.7-1.4 times the real one.
+"""
+
+from __future__ import annotations
+
+import sys
+from argparse import Namespace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+from scipy.signal import butter, sosfiltfilt
+from scipy.spatial.transform import Rotation
+
+from benchmarks.command import answer, command
+from benchmarks.people_feet import FootSignals, find_strides, sagittal_rate
+from benchmarks.real_walks import MarkerWalk, data_folder, load_markers, match_rests
+from benchmarks.realism import matched_part
+from stridetwin.estimators.foot_ins import FootIns
+from stridetwin.sim.gait.heel_strike import SHOE, ShoeParameters, UpperMotion
+from stridetwin.sim.kinematics.track import Track
+from stridetwin.sim.motion.feet import ground_foot
+from stridetwin.sim.motion.parameters import MotionParameters
+from stridetwin.sim.motion.rests import FootRest, FootTrack, find_stances
+from stridetwin.sim.motion.skeleton import Skeleton
+from stridetwin.sim.noise import Noise
+from stridetwin.sim.parts.kinds import ImuPart
+from stridetwin.sim.parts.library import make_ideal
+from stridetwin.sim.people import Person
+from stridetwin.sim.sensors.imu import ImuModel
+from stridetwin.sim.walk import Stance
+from stridetwin.sim.wearer.dimensions import Shoe
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
+from stridetwin.streams.rig import ImuCalibration, Mount
+from stridetwin.streams.samples import Array, Block, Imu
+
+GOOD = (0.7, 1.4)
+PLANE = "2-D RMSE at rests, m"
+BANDS_HZ = ((0.0, 5.0), (5.0, 20.0), (20.0, 50.0), (50.0, 100.0))
+_MARKERS_HZ = 15.0  # of the filter on the markers
+_MOUNT_HZ = 12.0  # of the filter under which the place of the sensor is found
+_HEIGHT_M = 1.75  # of the person, whose shoe pins the feet
+_HEEL_OVER_SOLE_M, _HEEL_BEHIND_M = 0.040, 0.010  # the heel marker's centre above and behind the sole's border
+# What a calibration leaves: scale and alignment as in `recorded_foot_imu.yaml`; biases as the recorded parts have them
+# where they rest longest (0.09 °/s RMS of the axes; forces of 9.82 and 9.84 m/s²).
+_SCALE, _MISALIGNMENT_RAD = 0.003, np.radians(0.2)
+_GYRO_BIAS_RADPS, _ACCEL_BIAS_MPS2 = np.radians(0.09), 0.02
+_G_SENSITIVITY = np.radians(0.01) / NOMINAL_GRAVITY_MPS2  # rad/s per m/s²
+_SETTINGS = ("part and shoe", "part alone", "shoe alone", "ideal")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DrivenFoot:
+    """The motion of one recorded foot, and where its sensor sits.
+
+    Attributes:
+        walk: The recording.
+        dt: Time between two rows of the path, s.
+        track: Pinned path of the foot at the times of the markers.
+        stances: Its stances.
+        p_sensor_in_foot: (3,) m.
+        R_foot_sensor: (3, 3) sensor to foot.
+    """
+
+    walk: MarkerWalk
+    dt: float
+    track: FootTrack
+    stances: Sequence[FootRest]
+    p_sensor_in_foot: Array
+    R_foot_sensor: Array
+
+    def motion(self, t: Array) -> Track:
+        """Track of the rigid foot at (N,) s, by quintic splines."""
+        grid = np.arange(len(self.track.p)) * self.dt
+        q = Rotation.from_matrix(self.track.R).as_quat(canonical=False)
+        q[1:] *= np.cumprod(np.sign((q[1:] * q[:-1]).sum(1)))[:, None]  # no jumps of the sign
+        place, turn = make_interp_spline(grid, self.track.p, k=5), make_interp_spline(grid, q, k=5)
+        value, rate = turn(t), turn(t, 1)
+        size = np.linalg.norm(value, axis=1, keepdims=True)
+        value, rate = value / size, rate / size
+        rate -= (value * rate).sum(1, keepdims=True) * value
+        vector, scalar = value[:, :3], value[:, 3:]
+        # ω = 2 q̄ ⊗ q' in the foot's axes
+        w = 2.0 * (scalar * rate[:, :3] - rate[:, 3:] * vector - np.cross(vector, rate[:, :3]))
+        return Track(
+            t_ns=np.round(t * 1e9).astype(np.int64),
+            p_body_in_world=place(t),
+            q_world_body=np.roll(value, 1, axis=1),
+            v_body_in_world=place(t, 1),
+            w_body=w,
+        )
+
+    def pitch(self, t: Array) -> Array:
+        """(N,) rad at (N,) s, toes down positive."""
+        pitch = np.arcsin(np.clip(-self.track.R[:, 2, 0], -1.0, 1.0))
+        return np.interp(t, np.arange(len(pitch)) * self.dt, pitch)
+
+    def upper(self, shoe: ShoeParameters, rng: np.random.Generator) -> UpperMotion:
+        """Motion of the shoe's upper at the sensor."""
+        end = len(self.track.p)
+        steps = [
+            Stance(
+                foot=rest.side,
+                p_foot_in_world=rest.p,
+                R_world_sole=np.eye(3),
+                terrain="level",
+                mode="LG",
+                t_touch=rest.ground[0] * self.dt if rest.ground[0] else -np.inf,
+                t_off=rest.ground[1] * self.dt if rest.ground[1] < end else np.inf,
+            )
+            for rest in self.stances
+        ]
+
+        def speed(t: Array) -> Array:
+            """(N,) m/s of the foot's origin at (N,) s."""
+            return np.linalg.norm(self.motion(np.maximum(t, 0.0)).v_body_in_world, axis=1)
+
+        return UpperMotion.of(steps, self.pitch, speed, self.p_sensor_in_foot, rng, shoe)
+
+
+def _low_pass(x: Array, hz: float, rate_hz: float) -> Array:
+    return np.asarray(sosfiltfilt(butter(4, hz, fs=rate_hz, output="sos"), x, axis=0))
+
+
+def fit_foot(walk: MarkerWalk, shoe: Shoe, side: str) -> tuple[float, FootTrack, list[FootRest]]:
+    """The rigid, pinned motion of a foot from its three markers: time step in s, path and stances.
+
+    The foot's frame follows from the median shape of the markers while the foot is flat: x from the heel's marker to
+    the toes', z up, and the sole on the floor.
+
+    Args:
+        walk: The recording.
+        shoe: Sole of the shoe.
+        side: `l` or `r`.
+    """
+    dt = float(walk.t[1] - walk.t[0])
+    points = _low_pass(np.stack([walk.heel, walk.toe, walk.side], axis=1), _MARKERS_HZ, 1.0 / dt)
+    speed = np.linalg.norm(np.gradient(points, dt, axis=0), axis=2).max(1)
+    flat = speed < np.percentile(speed, 15)
+    floor = float(np.median(points[flat][:, 0, 2])) - _HEEL_OVER_SOLE_M
+    x = points[:, 1] - points[:, 0]
+    x[:, 2] = 0.0
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    y = np.stack([-x[:, 1], x[:, 0], np.zeros(len(x))], axis=1)
+    heel = points[:, 0] + (_HEEL_BEHIND_M - shoe.heel_back_x) * x
+    origin = np.stack([heel[:, 0], heel[:, 1], np.full(len(x), floor)], axis=1)
+    level = np.stack([x, y, np.tile([0.0, 0.0, 1.0], (len(x), 1))], axis=2)
+    local = np.median(np.einsum("nji,nkj->nki", level, points - origin[:, None])[flat], axis=0)  # (3, 3) m in the foot
+    centre = points.mean(1, keepdims=True)
+    R = np.stack(
+        [Rotation.align_vectors(p - c, local - local.mean(0))[0].as_matrix() for p, c in zip(points, centre[:, 0])]
+    )
+    p = centre[:, 0] - R @ local.mean(0)
+    p[:, 2] -= floor
+    parameters = MotionParameters()
+    track = FootTrack(side=side, p=p, R=R, toe=np.zeros(len(p)))
+    stances = find_stances(track, shoe, dt, parameters)
+    zero = np.zeros(len(stances))
+    pinned = ground_foot(track, stances, zero, zero, shoe, lambda xy: np.zeros(np.shape(xy)[:-1]), dt, parameters)
+    return dt, pinned, stances
+
+
+def find_mount(walk: MarkerWalk, foot: DrivenFoot) -> tuple[Array, Array]:
+    """Place (3,) m of the real sensor in the foot, and rotation (3, 3) sensor to foot, by least squares below 12 Hz."""
+    t = walk.imu.t_ns * 1e-9
+    inside = (t > 0.5) & (t < walk.t[-1] - 0.5)
+    hz = 1.0 / float(np.median(np.diff(t)))
+    motion = foot.motion(np.clip(t, 0.0, walk.t[-1]))
+    real_rate, real_force = (
+        _low_pass(walk.imu.columns[name], _MOUNT_HZ, hz) for name in ("angular_rate", "specific_force")
+    )
+    w = _low_pass(motion.w_body, _MOUNT_HZ, hz)
+    R = Rotation.align_vectors(w[inside], real_rate[inside])[0].as_matrix()
+    acceleration = np.gradient(motion.v_body_in_world, 1.0 / hz, axis=0) + [0.0, 0.0, NOMINAL_GRAVITY_MPS2]
+    force = _low_pass(motion.rotation.inv().apply(acceleration), _MOUNT_HZ, hz)
+    spin = np.gradient(w, 1.0 / hz, axis=0)
+    # the force at an arm is that of the origin + (α× + ω×ω×) arm
+    arm = np.stack([np.cross(spin, e) + np.cross(w, np.cross(w, e)) for e in np.eye(3)], axis=2)
+    missing = real_force @ R.T - force
+    place = np.linalg.lstsq(arm[inside].reshape(-1, 3), missing[inside].ravel(), rcond=None)[0]
+    return place, R
+
+
+def drive(walk: MarkerWalk, shoe: Shoe) -> DrivenFoot:
+    """The driven foot of a recording."""
+    dt, track, stances = fit_foot(walk, shoe, walk.name[0])
+    foot = DrivenFoot(
+        walk=walk, dt=dt, track=track, stances=stances, p_sensor_in_foot=np.zeros(3), R_foot_sensor=np.eye(3)
+    )
+    place, R = find_mount(walk, foot)
+    return replace(foot, p_sensor_in_foot=place, R_foot_sensor=R)
+
+
+def calibrated_part(real: Block[Imu]) -> ImuPart:
+    """A cheap part of a recording's rate with the scale and alignment errors that a calibration leaves."""
+    part = matched_part(real)
+    left = {"scale_factor": _SCALE, "misalignment": _MISALIGNMENT_RAD}
+    return replace(
+        part,
+        gyroscope=replace(part.gyroscope, turn_on_bias=_GYRO_BIAS_RADPS, g_sensitivity=_G_SENSITIVITY, **left),
+        accelerometer=replace(part.accelerometer, turn_on_bias=_ACCEL_BIAS_MPS2, **left),
+    )
+
+
+def simulate(foot: DrivenFoot, setting: str, seed: int) -> Block[Imu]:
+    """Samples of the driven sensor at the times of the real one.
+
+    Args:
+        foot: The driven foot.
+        setting: Of `_SETTINGS`.
+        seed: Draws part and strikes.
+    """
+    has_part, has_shoe = setting.startswith("part"), "shoe" in setting
+    t_ns = foot.walk.imu.t_ns
+    t_ns = t_ns[t_ns * 1e-9 < (len(foot.track.p) - 1) * foot.dt - 0.05]
+    part = calibrated_part(foot.walk.imu)
+    noise = Noise(None)
+    if has_part:
+        noise = Noise.of_topic(seed, foot.walk.name)
+    else:
+        part = replace(make_ideal(part), rate_hz=part.rate_hz)
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = foot.R_foot_sensor, foot.p_sensor_in_foot
+    calibration = ImuCalibration(
+        topic="/foot/imu",
+        part="",
+        rate_hz=part.rate_hz,
+        mount=Mount(body="foot", T_body_sensor=T),
+        gyroscope_noise_density=0.0,
+        gyroscope_random_walk=0.0,
+        accelerometer_noise_density=0.0,
+        accelerometer_random_walk=0.0,
+    )
+    model = ImuModel(calibration, part, noise)
+    inner = np.interp(
+        np.arange((len(t_ns) - 1) * model.steps + 1), np.arange(len(t_ns)) * model.steps, t_ns * 1e-9 + model.delay_s
+    )
+    body = foot.motion(inner)
+    if has_shoe:
+        body = foot.upper(SHOE, np.random.default_rng(seed)).upper_track(body)
+    return model.read(body, t_ns)
+
+
+def signal_figures(foot: DrivenFoot, imu: Block[Imu]) -> dict[str, float]:
+    """RMS of force and rate by band, and percentiles of the peaks over strides."""
+    t = imu.t_ns * 1e-9
+    hz = 1.0 / float(np.median(np.diff(t)))
+    rate, force = imu.columns["angular_rate"], imu.columns["specific_force"]
+    result = {}
+    for name, values in (("force_mps2", force), ("rate_radps", rate)):
+        power = (np.abs(np.fft.rfft(values - values.mean(0), axis=0)) ** 2).sum(1) * 2.0 / len(values) ** 2
+        f = np.fft.rfftfreq(len(values), 1.0 / hz)
+        for low, high in BANDS_HZ:
+            result[f"{name} {low:g}-{high:g} Hz"] = float(np.sqrt(power[(f >= low) & (f < high)].sum()))
+    heel, toe = (
+        np.column_stack([np.interp(t, foot.walk.t, m[:, k]) for k in range(3)]) for m in (foot.walk.heel, foot.walk.toe)
+    )
+    signals = FootSignals(t=t, rate=rate, force=force, heel=heel, toe=toe, planned_touch=np.empty(0))
+    size, turning = np.linalg.norm(force, axis=1), sagittal_rate(signals)
+    rows = find_strides(signals)
+    peaks = [size[after - round(0.04 * hz) : after + round(0.1 * hz)].max() for _, _, after in rows]
+    for share in (10, 50, 90):
+        result[f"strike peak {share} %, m/s2"] = float(np.percentile(peaks, share))
+    result["toe-off rate, median, rad/s"] = float(np.median([turning[off] for _, off, _ in rows]))
+    result["swing rate, median, rad/s"] = float(np.median([-turning[off:after].min() for _, off, after in rows]))
+    return result
+
+
+def path_figures(foot: DrivenFoot, imu: Block[Imu]) -> dict[str, float]:
+    """Errors of the foot INS, without a calibration: at the rests in the plane, at the end, and in height."""
+    path = FootIns().run(imu).trajectory
+    error, height = match_rests(path.t_ns * 1e-9, path.p_frame_in_world, foot.walk)
+    return {
+        PLANE: float(np.sqrt((error**2).sum(1).mean())),
+        "2-D error at the end, m": float(np.linalg.norm(error[-1] - error[0])),
+        "height at the end, m": abs(height),
+    }
+
+
+def measure(arguments: Namespace) -> dict[str, Any]:
+    """Figures of the real and the driven sensors, means over both feet, and medians over seeds."""
+    folder = data_folder("dual_foot_walk")
+    if folder is None:
+        raise StrideTwinError("no recordings: set STRIDETWIN_DATA to the folder that holds dual_foot_walk")
+    shoe = Skeleton.of(Person(height_m=_HEIGHT_M)).size.shoe
+    cases = []
+    for walk in load_markers(folder):
+        foot = drive(walk, shoe)
+        spread: dict[str, list[float]] = {}
+        rows: dict[str, dict[str, float]] = {"real": signal_figures(foot, walk.imu) | path_figures(foot, walk.imu)}
+        for setting in _SETTINGS:
+            seeds = range(arguments.seeds if setting != "ideal" else 1)
+            blocks = [simulate(foot, setting, seed) for seed in seeds]
+            each = [signal_figures(foot, b) | path_figures(foot, b) for b in blocks]
+            rows[setting] = {name: float(np.median([row[name] for row in each])) for name in each[0]}
+            spread[setting] = [row[PLANE] for row in each]
+        place = (1e3 * foot.p_sensor_in_foot).round().tolist()
+        cases.append({"foot": walk.name, "place_mm": place, "rows": rows, "spread_m": spread})
+    names = list(cases[0]["rows"]["real"])
+    summary = {
+        setting: {name: float(np.mean([case["rows"][setting][name] for case in cases])) for name in names}
+        for setting in ("real", *_SETTINGS)
+    }
+    return {"experiment": "driven_feet", "summary": summary, "paper": {}, "cases": cases}
+
+
+def show(result: dict[str, Any]) -> None:
+    """Prints one line per figure, and the ratio to the real one."""
+    summary = result["summary"]
+    print(f"{'mean of both feet':34}" + "".join(f"{setting:>22}" for setting in summary))
+    for name, real in summary["real"].items():
+        cells = f"{real:22.3f}"
+        for setting in _SETTINGS:
+            ratio = summary[setting][name] / real
+            mark = " " if GOOD[0] <= ratio <= GOOD[1] else "*"
+            cells += f"{summary[setting][name]:14.3f} ({ratio:4.2f}){mark}"
+        print(f"{name:34}{cells}")
+    for case in result["cases"]:
+        low, middle, high = np.percentile(case["spread_m"]["part and shoe"], (10, 50, 90))
+        print(
+            f"{case['foot']}: sensor at {case['place_mm']} mm; {PLANE}: real {case['rows']['real'][PLANE]:.3f}, ",
+            end="",
+        )
+        print(f"part and shoe {middle:.3f} (10 to 90 % of the draws: {low:.3f} to {high:.3f})")
+
+
+def main() -> int:
+    """Command line."""
+    parser = command(__doc__)
+    parser.add_argument("--seeds", type=int, default=10, help="parts and shoes that are drawn")
+    return answer(parser, measure, show)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
