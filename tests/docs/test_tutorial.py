@@ -41,8 +41,8 @@ def test_the_tutorial_s_estimator_is_short_and_not_bad(done):
     assert "stridetwin.estimators" not in estimator  # its own work, none of ours
     assert "is deprecated" not in done.stdout + done.stderr
     (end_m, end_pct), *_ = re.findall(r"^mine +(\S+) +(\S+)", done.stdout, re.M)
-    assert float(end_pct) < 5.0  # thirty lines, on feet that land at speed
-    assert float(end_m) < 1.0
+    assert float(end_pct) < 2.5
+    assert float(end_m) < 0.5
 
 
 def test_the_tutorial_shows_what_score_says(done):
