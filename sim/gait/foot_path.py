@@ -158,7 +158,7 @@ def foot_path(steps: Sequence[Footstep], size: Wearer, t: Array, height: Callabl
         on = (t >= step.t_touch) & (t <= step.t_off)
         p[on], R[on], toe[on] = _stance_poses(step, size.shoe, theta[on])
         if i > 0:
-            p[on] -= _landing_lag(steps[i - 1], step, size, t[on])
+            p[on] -= landing_lag(steps[i - 1], step, size.shoe, t[on])
         s[on], heading[on] = step.s, step.heading
         if i + 1 < len(steps):  # no swing follows the last footstep
             to = steps[i + 1]
@@ -352,11 +352,11 @@ def _swing_positions(a: Footstep, b: Footstep, size: Wearer, s: Array, R: Array,
             swing_s = b.t_touch - a.t_off
             drop = _lag(1.0 - s, RUN_LANDING_S / swing_s, b.swing.landing, 0.0) * (1.0 - ease((1.0 - s) / _LAG_OVER))
             point[:, 2] += _RUN_DROP_MPS * swing_s * drop
-    point = point - _landing_lag(a, b, size, a.t_off + s * (b.t_touch - a.t_off))
+    point = point - landing_lag(a, b, size.shoe, a.t_off + s * (b.t_touch - a.t_off))
     return point - np.einsum("nij,nj->ni", R, pivot_in_foot)
 
 
-def _landing_lag(a: Footstep, b: Footstep, size: Wearer, t: Array) -> Array:
+def landing_lag(a: Footstep, b: Footstep, shoe: Shoe, t: Array) -> Array:
     """(N, 3) m, way that a foot still has to go at (N,) s to where it comes to rest, because it lands at speed.
 
     The lag grows in swing, along the ground, and is made up for around touch-down: the heel brakes evenly, and from
@@ -365,7 +365,7 @@ def _landing_lag(a: Footstep, b: Footstep, size: Wearer, t: Array) -> Array:
     Args:
         a: Footstep that the foot leaves.
         b: Footstep that it reaches.
-        size: Wearer.
+        shoe: Its sole.
         t: (N,) s, from the toe-off of `a` to the toe-off of `b`.
     """
     if a.departure != "push" or b.arrival != "heel" or b.is_run:
@@ -376,7 +376,7 @@ def _landing_lag(a: Footstep, b: Footstep, size: Wearer, t: Array) -> Array:
     left = np.maximum(b.t_touch + STOPPING_S * min(faster, 1.0) - t, 0.0) / swing_s
     lag = _lag(left, STOPPING_S / swing_s, faster * _LANDING_SPEED, _LANDING_BRAKE)
     lag *= 1.0 - ease((b.t_touch - t) / swing_s / _LAG_OVER)
-    heel, hinge = _pivots(size.shoe)
+    heel, hinge = _pivots(shoe)
     way = b.p_foot_in_world + b.R_world_sole @ heel - a.p_foot_in_world - a.R_world_sole @ hinge
     return lag[:, None] * way
 

@@ -90,12 +90,12 @@ class ShoeParameters:
 
 SHOE = ShoeParameters(
     mode_hz=np.array([17.0, 34.0, 68.0]),
-    mode_decay_s=np.array([0.063, 0.008, 0.040]),
-    mode_force=np.array([[0.0, 23.0, 35.2], [0.0, 0.0, 208.2], [17.7, 27.3, 27.9]]),
+    mode_decay_s=np.array([0.030, 0.008, 0.040]),
+    mode_force=np.array([[0.0, 34.5, 52.8], [0.0, 0.0, 187.4], [15.9, 24.6, 25.1]]),
     mode_rate=np.array([[5.26, 0.0, 2.75], [14.40, 10.20, 5.28], [2.56, 0.79, 2.27]]),
     impact_mps=1.10,
     strike_sd=0.40,
-    slap=0.10,
+    slap=0.50,
     snap=0.20,
     rock_hz=np.array([2.5, 5.0, 10.0]),
     rock_rate=np.array([[0.119, 0.108, 0.128], [0.060, 0.022, 0.036], [0.046, 0.017, 0.027]]),

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
 
+from stridetwin.sim.gait.foot_path import landing_lag
 from stridetwin.sim.gait.footsteps import SETTLE_S, WEIGHT_SHIFT_S, Footstep
 from stridetwin.sim.gait.style import TRAVEL_KNOTS
 from stridetwin.sim.kinematics.smooth import ease
@@ -160,11 +161,15 @@ def pressure_centres(
         height: Height of the ground, m, at (2,) m: toes whose tip overhangs an edge press at their hinge alone.
     """
     p = np.empty((len(t), 3))
+    before: Footstep | None = None
     for step, on in _rows_of_steps(steps, t):
         x = _limit_to_contact(travels[on], t[on], step, pitch[on], shoe)
         if _tip_overhangs(step, shoe, height):
             x = np.minimum(x, 1.0)  # not in front of the toe hinge
         p[on] = step.p_foot_in_world + (x * shoe.toe_hinge_x)[:, None] * step.R_world_sole[:, 0]
+        if before is not None:  # a heel that lands at speed is still on its way
+            p[on] -= landing_lag(before, step, shoe, t[on])
+        before = step
     return p
 
 
