@@ -106,7 +106,8 @@ SHOE = ShoeParameters(
 )
 """A walking shoe with the sensor clipped to it, at 1.3 m/s: `dual_foot_walk` of gaitmap's example data (MIT), both
 feet, 56 strikes of one person. The settling is chosen for the angular rate of these feet after 0.1 s of stance, the
-SD of the strikes for their CV of 22 %, the sway for the rates while this person stands at the end (0.01 rad/s)."""
+slap, the slowest mode and the size of the others for `benchmarks.driven_feet`, `realism` and `people_feet` together,
+the sway for the rates while this person stands at the end (0.01 rad/s)."""
 
 
 # How shoes and mounts differ from person to person, relative to `SHOE`; chosen by hand, so that the strikes cover those
