@@ -201,7 +201,7 @@ def drive(walk: MarkerWalk, shoe: Shoe) -> DrivenFoot:
     return replace(foot, p_sensor_in_foot=place, R_foot_sensor=R)
 
 
-def calibrated_part(real: Block[Imu]) -> ImuPart:
+def make_calibrated_part(real: Block[Imu]) -> ImuPart:
     """A cheap part of a recording's rate with the scale and alignment errors that a calibration leaves."""
     part = matched_part(real)
     left = {"scale_factor": _SCALE, "misalignment": _MISALIGNMENT_RAD}
@@ -223,7 +223,7 @@ def simulate(foot: DrivenFoot, setting: str, seed: int) -> Block[Imu]:
     has_part, has_shoe = setting.startswith("part"), "shoe" in setting
     t_ns = foot.walk.imu.t_ns
     t_ns = t_ns[t_ns * 1e-9 < (len(foot.track.p) - 1) * foot.dt - 0.05]
-    part = calibrated_part(foot.walk.imu)
+    part = make_calibrated_part(foot.walk.imu)
     noise = Noise(None)
     if has_part:
         noise = Noise.of_topic(seed, foot.walk.name)

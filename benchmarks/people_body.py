@@ -19,6 +19,7 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from benchmarks.command import answer, command
+from benchmarks.people_feet import PEOPLE, SPEEDS_MPS
 from stridetwin.sim.config import SIDES, Gait, Level, Person, Ramp, Route, Segment, Stairs, TwinConfig
 from stridetwin.sim.gait.footsteps import Footstep
 from stridetwin.sim.playback import Motion, Playback
@@ -27,22 +28,6 @@ from stridetwin.streams.algebra.arrays import from_quaternion
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.samples import Array
 
-SPEEDS_MPS = (0.8, 1.1, 1.3, 1.6)
-PEOPLE = tuple(
-    Person(height_m=height, mass_kg=mass, sex=sex)
-    for height, mass, sex in (
-        (1.75, 75.0, "male"),
-        (1.60, 55.0, "female"),
-        (1.68, 64.0, "female"),
-        (1.83, 84.0, "male"),
-        (1.72, 80.0, "male"),
-        (1.64, 70.0, "female"),
-        (1.90, 92.0, "male"),
-        (1.78, 68.0, "male"),
-        (1.70, 58.0, "female"),
-        (1.80, 95.0, "male"),
-    )
-)
 _UP = (Level(length_m=2.5), Stairs(risers=8, riser_m=0.163, tread_m=0.295), Level(length_m=2.5))
 _RAMP = Ramp(angle_rad=np.radians(8.0), rise_m=0.8)
 GROUNDS: dict[str, tuple[Segment, ...]] = {
@@ -116,13 +101,13 @@ def walk(ground: str, speed_mps: float, person: Person, seed: int) -> Twin:
 def strides(twin: Twin, ground: str) -> list[tuple[Footstep, Footstep]]:
     """Both footprints of each steady stride on the ground asked for."""
     mode = _MODES[ground]
-    found = []
+    pairs = []
     for side in SIDES:
         walking = [step for step in twin.walk.steps[side] if np.isfinite(step.t_touch)]
         if ground == "level":
             walking = walking[_STEPS_LEFT_OUT // 2 + 1 : -(_STEPS_LEFT_OUT // 2 + 1)]
-        found += [(a, b) for a, b in pairwise(walking) if a.mode == mode and b.mode == mode]
-    return found
+        pairs += [(a, b) for a, b in pairwise(walking) if a.mode == mode and b.mode == mode]
+    return pairs
 
 
 def _excursion(x: Array) -> float:

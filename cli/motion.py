@@ -33,7 +33,7 @@ def motion_command(arguments: MotionOptions, progress: Progress) -> Outcome:
     residuals = {name: 1e3 * value for name, value in fitted.residuals_m.items()}
     rms = float(np.sqrt(np.mean(np.square(list(residuals.values())))))
     twin = Twin(config, 0)
-    steps = sorted((step for side in ("l", "r") for step in twin.walk.steps[side]), key=lambda step: step.t_touch)
+    steps = twin.walk.stances()
     risers, treads = fitted.ground.riser_mm, fitted.ground.tread_mm
     kind = "markers" if angle_format(recording) is None else "points on the segments"
     lines = [f"{arguments.file.name}: {fitted.duration_s:.2f} s, {kind} {rms:.1f} mm RMS with pinned soles"]

@@ -126,7 +126,7 @@ def _footprints(walk: Walk, after_ns: int, until_ns: int) -> Iterator[Footprint]
 
     The feet that stand at the start come first, with the stamps 0 and 1.
     """
-    steps = sorted((s for foot_steps in walk.steps.values() for s in foot_steps), key=lambda s: s.t_touch)
+    steps = walk.stances()
     standing = [s for s in steps if not np.isfinite(s.t_touch)]
     for step in steps:
         # the initial stance feet are reported first, one nanosecond apart: stamps increase within a topic

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from copy import copy
 from dataclasses import replace
 from functools import cached_property, partial
@@ -209,13 +209,14 @@ class Twin:
                 continue
             name, side = split_side(place)
             feet = side if name in ("thigh", "shank") else SIDES
-            steps = sorted((step for foot in feet for step in self.walk.steps[foot]), key=lambda step: step.t_touch)
-            parameters = case_parameters(mounted.sensor_config.strike)
-            rng = self._rng(_BODY, i)
-            struck[mounted.calibration.topic] = UpperMotion.of(
-                steps, np.ones_like, np.ones_like, np.zeros(3), rng, parameters
-            )
+            struck[mounted.calibration.topic] = self._shake(mounted.sensor_config.strike, feet, self._rng(_BODY, i))
         return struck
+
+    def _shake(self, strike: float, feet: Iterable[str], rng: np.random.Generator) -> UpperMotion:
+        """Vibration of a case after the heel strikes of some feet, which push it upwards by up to `strike` m/s²."""
+        # constant pitch and speed: every strike has the reference strength, and no slap follows
+        flat = fast = np.ones_like
+        return UpperMotion.of(self.walk.stances(feet), flat, fast, np.zeros(3), rng, case_parameters(strike))
 
     @cached_property
     def light(self) -> LightCourse:
@@ -261,11 +262,7 @@ class Twin:
         mounted = self.sensor_rig.sensors.get(f"/{self.config.rig_mount}/imu")  # the IMU beside the RGB-D camera
         if mounted is None or not mounted.sensor_config.strike:
             return {}
-        steps = sorted((step for side in SIDES for step in self.walk.steps[side]), key=lambda step: step.t_touch)
-        parameters = case_parameters(mounted.sensor_config.strike)
-        # constant pitch and speed: every strike has the reference strength, and no slap follows
-        shaken = UpperMotion.of(steps, np.ones_like, np.ones_like, np.zeros(3), self._rng(_CASE), parameters)
-        return {mounted.calibration.mount.body: shaken}
+        return {mounted.calibration.mount.body: self._shake(mounted.sensor_config.strike, SIDES, self._rng(_CASE))}
 
     def _shoes(self) -> dict[str, UpperMotion]:
         """Motion of the upper of each shoe on its foot, by name of the foot."""

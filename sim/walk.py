@@ -6,7 +6,7 @@ Players, sensors and truth read a walk through these classes alone.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,6 +66,14 @@ class Walk(ABC):
     def position_velocity(self, t: NDArray[np.floating]) -> tuple[Array, Array]:
         """Generalised position (N, nq) and velocity (N, nv) at (N,) s, in MuJoCo's layout; faster than `state`."""
         return self.coordinates.position_velocity(self.splines, np.clip(t, 0.0, self.duration_s))
+
+    def stances(self, feet: Iterable[str] | None = None) -> list[Stance]:
+        """Stances in order of their touch-downs.
+
+        Args:
+            feet: Those whose stances are asked for; None for both.
+        """
+        return sorted((s for foot in feet or self.steps for s in self.steps[foot]), key=lambda s: s.t_touch)
 
     @abstractmethod
     def pitch(self, side: str, t: NDArray[np.floating]) -> Array:

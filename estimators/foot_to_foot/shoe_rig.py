@@ -165,7 +165,9 @@ def shoes_of(rig: Rig) -> Shoes:
     sonars, topics = np.zeros((2, 3)), ["", ""]
     mounts = np.tile([0.0, 0, 0, 1, 0, 0, 0], (4, 1))  # position 0 and the identity quaternion, for missing parts
     for i, foot in enumerate(FEET):
-        imu = _find_on_foot(rig.imus.values(), foot, "IMU")
+        # IMUs of the body may be worn on the shoe, too
+        shoe_imus = [imu for topic, imu in rig.imus.items() if topic == f"/foot_{foot}/imu"]
+        imu = _find_on_foot(shoe_imus, foot, "IMU") or _find_on_foot(rig.imus.values(), foot, "IMU")
         if imu is None:  # without an IMU, nothing else on the foot is of use
             continue
         imus[foot] = imu
@@ -206,14 +208,12 @@ def side_by_side_start(shoes: Shoes) -> dict[str, StartPose]:
 
 
 def _find_on_foot(parts: Iterable[M], foot: str, kind: str) -> M | None:
-    """The part of one kind that is mounted on a foot; None if there is none. Among several IMUs it is the shoe's.
+    """The part of one kind that is mounted on a foot; None if there is none.
 
     Raises:
         StrideTwinError: There are two or more.
     """
     mounted = [p for p in parts if p.mount.body == f"foot_{foot}"]
-    if len(mounted) > 1:  # IMUs on the body may be worn on a shoe, too
-        mounted = [p for p in mounted if getattr(p, "topic", "") == f"/foot_{foot}/imu"] or mounted
     if len(mounted) > 1:
         raise StrideTwinError(f"foot_{foot} carries {len(mounted)} {kind}s; one is what the filter of two feet takes")
     return mounted[0] if mounted else None

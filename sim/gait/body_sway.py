@@ -78,6 +78,7 @@ def _up_a_stair() -> Mapping[str, Mapping[int, Polar]]:
 
 
 def _down_a_stair() -> Mapping[str, Mapping[int, Polar]]:
+    """Harmonics down a stair, chosen by hand."""
     return {
         "pelvis_yaw": {1: (5.0, 180.0)},
         "pelvis_pitch": {1: (0.6, 90.0), 2: (1.8, 0.0)},

@@ -30,7 +30,7 @@ _PITCH = (0.90, 1.22, 1.32, 1.22, 0.94, 0.42, -0.09, -0.30, -0.31)
 _PITCH_PACE, _PITCH_RANGE = 0.60, (0.8, 1.15)
 _TILT_RAD = 0.10  # less forward lean of the pelvis than the fastest walk has at its push-off
 _BENT = 0.985  # height of the pelvis, leg lengths: the knees stay bent
-_FASTEST_TABLE_PACE = 0.48  # of the walking styles, whose swing a run has
+_SWING_PACE = 0.48  # of the walking style whose swing a run has
 _HARMONICS = 3  # of `Style.height`
 _FINE = 512  # instants of a step at which its force is sampled
 _WALKED = 2  # steps at each end of a run that are walked: nobody flies out of a stand
@@ -69,7 +69,7 @@ def bounce(flight: float) -> Array:
 
 
 def run_style(speed_mps: float, duration_s: float, size: Wearer) -> Style:
-    """Style of a running step: the swing of the fastest walk, a flight, and a bounce on bent knees.
+    """Style of a running step: the swing of a fast walk, a flight, and a bounce on bent knees.
 
     Args:
         speed_mps: Speed of the step.
@@ -78,7 +78,7 @@ def run_style(speed_mps: float, duration_s: float, size: Wearer) -> Style:
     """
     pace_ = pace(speed_mps, size)
     flight = flight_share(pace_)
-    style = level_style(_FASTEST_TABLE_PACE)
+    style = level_style(_SWING_PACE)
     height = NOMINAL_GRAVITY_MPS2 * duration_s**2 / leg_length(size) * bounce(flight)
     return replace(
         style,

@@ -58,12 +58,12 @@ def read_hierarchy(path: Path) -> JointMotion:
     joints, begin = _read_head(path, tokens)
     frames, dt, begin = _read_counts(path, tokens, begin)
     count = sum(len(joint.channels) for joint in joints)
-    rest = tokens[begin:]
-    if count == 0 or len(rest) != frames * count:
-        raise ConfigError(path, "MOTION", f"{len(rest)} numbers", f"{frames} frames of {count} channels")
+    numbers = tokens[begin:]
+    if count == 0 or len(numbers) != frames * count:
+        raise ConfigError(path, "MOTION", f"{len(numbers)} numbers", f"{frames} frames of {count} channels")
     check_length(path, frames)
     try:
-        table = np.array(rest, dtype=float).reshape(frames, count)
+        table = np.array(numbers, dtype=float).reshape(frames, count)
     except ValueError as error:
         raise ConfigError(path, "MOTION", str(error)[:60], "numbers") from None
     if not np.isfinite(table).all():

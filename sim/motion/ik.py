@@ -20,6 +20,7 @@ from stridetwin.sim.motion.parameters import MotionParameters
 from stridetwin.sim.motion.read import MarkerTable
 from stridetwin.sim.motion.skeleton import LENGTHS, LengthChanges, Skeleton, length_values, lengths_of, with_lengths
 from stridetwin.sim.people import Person
+from stridetwin.sim.wearer.anthropometry import LEAF_LENGTHS_M, leaf_scales
 from stridetwin.sim.wearer.body import LEG_JOINTS
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
@@ -65,12 +66,15 @@ class PointSet:
         kept = [i for i, name in enumerate(table.names) if name in places]
         chosen = [places[table.names[i]] for i in kept]
         body = skeleton.size.body
-        along = {"thigh": body.thigh_m / 0.4222, "shank": body.shank_m / 0.434, "foot": body.shoe_length_m / 0.270,
-                 "upper_arm": body.upper_arm_m / 0.2817, "forearm": body.forearm_m / 0.2689}  # fmt: skip
+        scales = leaf_scales(body)
+        along = {"foot": scales["shoe"]} | {part: scales[part] for part in ("thigh", "shank", "upper_arm", "forearm")}
+        whole = (body.thigh_m + body.shank_m + body.trunk_m) / sum(
+            LEAF_LENGTHS_M[part] for part in ("thigh", "shank", "trunk")
+        )
         scale = np.ones((len(kept), 3))
         for row, place in zip(scale, chosen):
             part = place.body.removesuffix("_l").removesuffix("_r")
-            row[:] = (body.thigh_m + body.shank_m + body.trunk_m) / (0.4222 + 0.434 + 0.826)
+            row[:] = whole
             row[0 if part == "foot" else 2] = along.get(part, row[2])
         return cls(
             names=tuple(table.names[i] for i in kept),
@@ -247,7 +251,7 @@ def calibrate(
         skeleton = Skeleton.of(person)
         points = replace(points, places=places)
         prior = posture_prior(skeleton, points, x, 0.01, parameters)
-        H, g, cross, shared, shared_g = _shared_equations(skeleton, points, changes, free, x, prior, parameters)
+        H, g, cross, shared, shared_g = _build_shared_equations(skeleton, points, changes, free, x, prior, parameters)
         off = np.concatenate([lengths - start_lengths, (places - start_places)[free].ravel()])
         solved = np.linalg.solve(H, np.concatenate([cross, g[..., None]], axis=2))
         eliminated = cross.reshape(-1, cross.shape[2]).T @ solved.reshape(-1, solved.shape[2])
@@ -321,7 +325,7 @@ def _add_priors(skeleton: Skeleton, x: Array, prior: Array, parameters: MotionPa
     g[:, 6:] -= stiff * beyond
 
 
-def _shared_equations(
+def _build_shared_equations(
     skeleton: Skeleton,
     points: PointSet,
     changes: LengthChanges,

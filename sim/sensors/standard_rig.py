@@ -210,10 +210,10 @@ def foot_imu_position(config: TwinConfig, side: str) -> Array:
 
 def _foot_imu_rotation(config: TwinConfig, side: str) -> Array:
     """(3, 3) rotation of a shoe's IMU in the foot's frame."""
-    return _mirrored_rotation(_group_config(config, "foot_imu").rotation_rad, side)
+    return _mirror_rotation(_group_config(config, "foot_imu").rotation_rad, side)
 
 
-def _mirrored_rotation(rotation_rad: tuple[float, float, float] | None, side: str) -> Array:
+def _mirror_rotation(rotation_rad: tuple[float, float, float] | None, side: str) -> Array:
     """(3, 3) rotation of an IMU in the frame of its segment; None stands for none.
 
     Args:
@@ -243,7 +243,7 @@ def _body_imus(config: TwinConfig) -> Iterator[MountedSensor]:
         _, side = split_side(place)
         position = np.array(default_position(place, config.person) if own.position_m is None else own.position_m)
         position[1] *= _outward(side or "l")  # in the middle of the body it counts to the left
-        pose = _make_pose(_mirrored_rotation(own.rotation_rad, side or "l"), position)
+        pose = _make_pose(_mirror_rotation(own.rotation_rad, side or "l"), position)
         mount = Mount(body=body_of(place), T_body_sensor=pose)
         # the place's own configuration stands in for that of the group
         of_place = replace(config, fittings={**config.fittings, "body_imu": own})

@@ -45,7 +45,11 @@ _TABLE: dict[str, dict[str, tuple[float, ...]]] = {
 _STATURE_M = {"male": 1.741, "female": 1.735}  # of the mean person of the table
 _HIP_HALF_WIDTH = 0.050  # of stature, between the hip centres / 2
 _ANKLE_HEIGHT = 0.043  # of stature, ankle centre above the bare sole
-_SHOULDER_HALF_WIDTH = 0.185 / 0.826  # of the trunk's length (trunk.xml)
+LEAF_LENGTHS_M = {
+    "trunk": 0.826, "thigh": 0.4222, "shank": 0.4340, "upper_arm": 0.2817, "forearm": 0.2689, "shoe": 0.270,
+}  # fmt: skip
+"""Lengths of the mean person's segments in the leaf files (`assets/mjcf`), m."""
+_SHOULDER_HALF_WIDTH = 0.185 / LEAF_LENGTHS_M["trunk"]  # of the trunk's length (trunk.xml)
 _FOOT_LENGTH = 0.148  # of stature
 SHOE_OVER_FOOT_M = 0.012  # outer length of the shoe over the foot's
 SHOE_SOLE_M = 0.025  # thickness of the sole under the foot
@@ -172,6 +176,19 @@ def anthropometry(person: Person) -> Anthropometry:
         shoulder_half_width_m=own.shoulder_width_m / 2 if own.shoulder_width_m else _SHOULDER_HALF_WIDTH * trunk,
         inertials=inertials,
     )
+
+
+def leaf_scales(body: Anthropometry) -> dict[str, float]:
+    """Length of each segment of a person over that of the leaf files, by the names of `LEAF_LENGTHS_M`."""
+    lengths = {
+        "trunk": body.trunk_m,
+        "thigh": body.thigh_m,
+        "shank": body.shank_m,
+        "upper_arm": body.upper_arm_m,
+        "forearm": body.forearm_m,
+        "shoe": body.shoe_length_m,
+    }
+    return {name: lengths[name] / leaf_m for name, leaf_m in LEAF_LENGTHS_M.items()}
 
 
 def compute_girth(person: Person) -> float:

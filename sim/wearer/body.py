@@ -13,7 +13,7 @@ import numpy as np
 
 from stridetwin.sim.config import SIDES, Exo, Person
 from stridetwin.sim.exo_description import OwnExo
-from stridetwin.sim.wearer.anthropometry import Anthropometry, anthropometry, compute_girth
+from stridetwin.sim.wearer.anthropometry import Anthropometry, anthropometry, compute_girth, leaf_scales
 from stridetwin.sim.wearer.dimensions import Shoe, Wearer
 from stridetwin.sim.wearer.exo_body import add_exoskeleton, add_own_exo
 from stridetwin.sim.wearer.exoskeleton import ExoLinks, fit_links, modules
@@ -46,7 +46,7 @@ def fit_wearer(person: Person, with_exo: bool = True) -> Wearer:
     """
     body = anthropometry(person)
     girth = compute_girth(person)
-    k = body.shoe_length_m / 0.270  # relative to the shoe of the leaf files, which is 0.270 m long
+    k = leaf_scales(body)["shoe"]
     # the heel's back is 0.045 m behind the foot's origin in every shoe; the hinge moves with the length
     shoe = Shoe(
         heel_back_x=-0.045,
@@ -87,8 +87,8 @@ def add_wearer(spec: mujoco.MjSpec, person: Person, exo: Exo | None) -> Wearer:
         size = replace(size, exo=exo.user_exo)
     body, girth = size.body, size.girth
     root = spec.worldbody.add_body(name="root", pos=[0, 0, body.thigh_m + body.shank_m + body.ankle_height_m])
-    # divisors here and below are the lengths of the leaf files' bodies, m
-    trunk_scale = body.trunk_m / 0.826
+    scales = leaf_scales(body)
+    trunk_scale = scales["trunk"]
     attach(
         root, _scale_leaf("trunk", {"pelvis": trunk_scale, "torso": trunk_scale, "head": trunk_scale}, girth), "pelvis"
     )
@@ -97,7 +97,7 @@ def add_wearer(spec: mujoco.MjSpec, person: Person, exo: Exo | None) -> Wearer:
 
     for side in SIDES:
         y = 1.0 if side == "l" else -1.0  # direction outwards
-        leg = _scale_leaf("leg", {"thigh": body.thigh_m / 0.4222, "shank": body.shank_m / 0.4340}, girth)
+        leg = _scale_leaf("leg", {name: scales[name] for name in ("thigh", "shank")}, girth)
         leg.body("foot").pos = [-size.ankle_x, 0, -body.shank_m - body.ankle_height_m]
         for joint in ("ankle_dorsiflexion", "ankle_inversion"):
             leg.joint(joint).pos = [size.ankle_x, 0, body.ankle_height_m]
@@ -105,9 +105,9 @@ def add_wearer(spec: mujoco.MjSpec, person: Person, exo: Exo | None) -> Wearer:
         attach(pelvis, leg, "thigh", [0, y * body.hip_half_width_m, 0], side)
         for part, carrier in (("shoe_rear", "foot"), ("shoe_toe", "toe")):
             shoe = _scale_leaf(part, {}, 1.0)
-            _stretch_foot(shoe, body.shoe_length_m / 0.270)
+            _stretch_foot(shoe, scales["shoe"])
             attach(spec.body(f"{carrier}_{side}"), shoe, part, side=side)
-        arm = _scale_leaf("arm", {"upper_arm": body.upper_arm_m / 0.2817, "forearm": body.forearm_m / 0.2689}, girth)
+        arm = _scale_leaf("arm", {name: scales[name] for name in ("upper_arm", "forearm")}, girth)
         shoulder = np.array([0.0, y * body.shoulder_half_width_m, 0.395 * trunk_scale])  # m, in the torso's frame
         attach(torso, arm, "upper_arm", shoulder, side)
     _set_inertials(spec, body)

@@ -21,7 +21,7 @@ import numpy as np
 
 from stridetwin.sim.config import SIDES, Exo
 from stridetwin.sim.exo_description import Module
-from stridetwin.sim.wearer.anthropometry import Anthropometry
+from stridetwin.sim.wearer.anthropometry import Anthropometry, leaf_scales
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
 
@@ -123,7 +123,7 @@ def fit_links(body: Anthropometry, girth: float, ankle_x: float, heel_back_x: fl
     # lengths of links that follow from the thickness of the body are rounded up, so that nothing presses on it
     beside = _next_hole(0.078 * girth + _CLEARANCE_M)  # 0.078 m: the mean person's leg, from its middle outwards
     # from the hips back to the skin: a part that grows with the trunk, 0.045 m at 0.826 m, and one with the girth
-    to_back = body.trunk_m / 0.826 * 0.045 + 0.085 * girth
+    to_back = leaf_scales(body)["trunk"] * 0.045 + 0.085 * girth
     return ExoLinks(
         hip1=_nearest_hole(body.hip_half_width_m),
         hip2=beside,

@@ -13,7 +13,7 @@ import numpy as np
 
 from stridetwin.sim.choices import BODY_PLACES
 from stridetwin.sim.people import Person
-from stridetwin.sim.wearer.anthropometry import anthropometry, compute_girth
+from stridetwin.sim.wearer.anthropometry import anthropometry, compute_girth, leaf_scales
 from stridetwin.streams.samples import Array
 
 _HALF_CASE_M = 0.006  # half the thickness of a housing (`imu_pod.xml`)
@@ -76,20 +76,13 @@ def default_position(place: str, person: Person) -> Array:
     """
     name, _ = split_side(place)
     standard, body = _PLACES[name], anthropometry(person)
-    trunk = body.trunk_m / 0.826
-    # length of the person's segment over that of the leaf file (`wearer.body`)
-    length = {
-        "pelvis": trunk,
-        "torso": trunk,
-        "head": trunk,
-        "upper_arm": body.upper_arm_m / 0.2817,
-        "forearm": body.forearm_m / 0.2689,
-        "thigh": body.thigh_m / 0.4222,
-        "shank": body.shank_m / 0.4340,
-    }.get(standard.body, 1.0)
+    # the trunk's scale is that of all its parts; a shoe is stretched along the foot alone
+    scales = leaf_scales(body)
+    segment = "trunk" if standard.body in ("pelvis", "torso", "head") else standard.body
+    length = scales.get(segment, 1.0)
     position = length * np.array(standard.within_m)
-    if name == "instep":  # a shoe is stretched along the foot alone, in front of the heel
-        position[0] *= body.shoe_length_m / 0.270
+    if name == "instep":  # in front of the heel
+        position[0] *= scales["shoe"]
     girth = 1.0 if standard.body == "foot" else compute_girth(person)
     position[standard.axis] += girth * standard.reach_m + np.copysign(_HALF_CASE_M, standard.reach_m)
     return position
