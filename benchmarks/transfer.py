@@ -13,9 +13,10 @@ import hashlib
 import json
 import sys
 import tempfile
-from argparse import Namespace
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from argparse import ArgumentParser, Namespace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -260,20 +261,42 @@ def compare_halves(people: Mapping[str, Sequence[float]], rounds: int = 200) -> 
     return {name: float(np.mean(values)) for name, values in each.items()}
 
 
-def measure(arguments: Namespace) -> dict[str, Any]:
-    """All figures, in the form of an experiment's JSON."""
+def recorded_walks(arguments: Namespace) -> list[FootWalk]:
+    """The recorded walks that the arguments of `parser_of_walks` name.
+
+    Raises:
+        StrideTwinError: There are none.
+    """
     folder = Path(arguments.data) if arguments.data else real_walks.data_folder()
     if folder is None:
         raise StrideTwinError("no recordings: set STRIDETWIN_DATA to the folder that holds foot_imu_vicon")
-    campaign = replace(read_campaign(CAMPAIGN), seed=arguments.seed, walks=arguments.walks)
-    jobs = [(planned, FEET[i % 2]) for i, planned in enumerate(plan_walks(campaign, Extra()))]
+    return people_walks(folder)
+
+
+def twin_jobs(seed: int, walks: int) -> list[tuple[PlannedWalk, str]]:
+    """The first walks of the campaign with a seed, and the foot that is simulated of each."""
+    campaign = replace(read_campaign(CAMPAIGN), seed=seed, walks=walks)
+    return [(planned, FEET[i % 2]) for i, planned in enumerate(plan_walks(campaign, Extra()))]
+
+
+@contextmanager
+def workers(arguments: Namespace) -> Iterator[Callable[..., Iterable[Any]]]:
+    """`map`, over as many processes as the arguments of `parser_of_walks` say."""
+    if arguments.workers == 1:
+        yield map
+        return
+    with ProcessPoolExecutor(max_workers=arguments.workers) as pool:
+        yield pool.map
+
+
+def measure(arguments: Namespace) -> dict[str, Any]:
+    """All figures, in the form of an experiment's JSON."""
+    recorded, jobs = recorded_walks(arguments), twin_jobs(arguments.seed, arguments.walks)
     variants = our_variants() | published_variants()
     causes = ("", *CAUSES) if arguments.causes else ("",)
-    with ProcessPoolExecutor(max_workers=min(arguments.workers, 2)) as pool:
-        run = pool.map if arguments.workers > 1 else map
+    with workers(arguments) as run:
         twins = {c: [*run(partial(twin_walk, cause=c, cache=arguments.cache), jobs)] for c in causes}
-        people_of = partial(score_walks, walks=people_walks(folder))
-        people = dict(zip(variants, run(people_of, variants.values())))
+        people = dict(zip(variants, run(partial(score_walks, walks=recorded), variants.values())))
         rows, summary = {}, {}
         for cause, walks in twins.items():
             errors = dict(zip(variants, run(partial(score_walks, walks=walks), variants.values())))
@@ -311,15 +334,21 @@ def show(result: dict[str, Any]) -> None:
     print(f"\npeople beside other people (random halves of the walks): {halves}")
 
 
-def main() -> int:
-    """Command line."""
-    parser = command(__doc__)
+def parser_of_walks(doc: str | None) -> ArgumentParser:
+    """The command line of a benchmark on the recorded walks and on those of the campaign."""
+    parser = command(doc)
     parser.add_argument("--cache", type=Path, help="folder that keeps the simulated samples")
     parser.add_argument("--workers", type=int, choices=(1, 2), default=1, help="processes")
     parser.add_argument("--seed", type=int, default=1, help="of the campaign; 0 for work on the twin")
     parser.add_argument("--walks", type=int, default=30, help="of the twin")
-    parser.add_argument("--causes", action="store_true", help="also replace one thing at a time on the twin")
     parser.add_argument("--data", help="folder of other recorded walks, or that holds foot_imu_vicon")
+    return parser
+
+
+def main() -> int:
+    """Command line."""
+    parser = parser_of_walks(__doc__)
+    parser.add_argument("--causes", action="store_true", help="also replace one thing at a time on the twin")
     return answer(parser, measure, show)
 
 
