@@ -3,10 +3,11 @@
 The foot of a planned walk does not vibrate when it lands and does not move in stance. A real shoe does: its upper,
 which carries the sensors, vibrates relative to the foot after the heel strike and again when the ball slaps down. It
 settles in the first quarter of a second of stance, leans by some degrees while the foot bears the load, and rocks; it
-springs back at toe-off, and sways while the wearer stands. Here this is a small motion of the upper relative to the
-foot, twice differentiable in time, so that accelerometer, gyroscope and ground truth agree. What a strike causes decays
-before the foot leaves the ground. The parameters are fitted to recorded walks by `tools/fit_heel_strike.py`; shoes and
-mounts differ from person to person (`draw_shoes`).
+rolls over and gives way as the load passes from heel to ball, springs back at toe-off, and sways while the wearer
+stands. Here this is a small motion of the upper relative to the foot, twice differentiable in time, so that
+accelerometer, gyroscope and ground truth agree. What a strike causes decays before the foot leaves the ground. The
+parameters are fitted to recorded walks by `tools/fit_heel_strike.py`; shoes and mounts differ from person to person
+(`draw_shoes`).
 """
 
 from __future__ import annotations
@@ -58,6 +59,11 @@ class ShoeParameters:
         settle_s: Times in which it comes about, and in which it settles.
         lean_rad: (3,) rotation while the foot bears the load.
         lean_sd: Standard deviation of the lean from stance to stance, relative to the lean.
+        roll_rad: (3,) rotation from the landing to the end of a walking stance, while the load passes to the ball.
+        roll_sd: Standard deviation of the roll from stance to stance, relative to the roll.
+        give_m: (3,) displacement in the same time: the sole gives way, and the foot moves forward in the shoe.
+        give_sd_m: (3,) its standard deviation from stance to stance.
+        roll_m: Where it pivots on the ground, forward in the foot's frame, at its beginning and at its end.
         sway_hz: (W,) frequencies of the motion while the wearer stands.
         sway_rate: (W, 3) rad/s, amplitude of its angular rate.
     """
@@ -84,6 +90,11 @@ class ShoeParameters:
     settle_s: tuple[float, float] = (0.05, 0.17)
     lean_rad: Array = field(default_factory=lambda: np.zeros(3))
     lean_sd: float = 0.1
+    roll_rad: Array = field(default_factory=lambda: np.zeros(3))
+    roll_sd: float = 0.3
+    give_m: Array = field(default_factory=lambda: np.zeros(3))
+    give_sd_m: Array = field(default_factory=lambda: np.zeros(3))
+    roll_m: tuple[float, float] = (-0.03, 0.15)
     sway_hz: Array = field(default_factory=lambda: np.ones(1))
     sway_rate: Array = field(default_factory=lambda: np.zeros((1, 3)))
 
@@ -101,6 +112,7 @@ SHOE = ShoeParameters(
     rock_rate=np.array([[0.119, 0.108, 0.128], [0.060, 0.022, 0.036], [0.046, 0.017, 0.027]]),
     settle_rad=np.array([0.0, -0.075, 0.0]),
     settle_sd_rad=np.array([0.035, 0.020, 0.025]),
+    give_sd_m=np.array([0.002, 0.002, 0.002]),
     sway_hz=np.array([0.4, 1.0, 2.3]),
     sway_rate=np.full((3, 3), 0.005),
 )
@@ -123,13 +135,22 @@ _PADDING = 0.8
 # people who do not stand quietly raise: they are left out of the scatter.
 _SWAY, _SWAY_SD = 0.9, 0.4
 _LEAN_SD_RAD = (0.030, 0.025, 0.015)  # of the mount of one shoe about forward, left, up
+# Roll of a left shoe, and its SD from shoe to shoe: rates in the middle of stance of 0.02 to 0.2 rad/s toward the toes,
+# 0.05 outward (pronation) and 0.1 inward about the vertical, in the medians of 18 feet (`foot_imu_vicon`,
+# `dual_foot_walk`, `foot_imu_other`; `benchmarks.people_beside_twin`). A right shoe rolls as its mirror image.
+_ROLL_RAD, _ROLL_SD_RAD = (0.015, 0.030, -0.020), (0.015, 0.015, 0.015)
+# Give of a shoe, and its SD from shoe to shoe: in the middle of stance the markers of `foot_imu_vicon` move forward at
+# 10 mm/s and sink at 6, of which the roll explains half of the first and nothing of the second. Without their noise
+# they scatter by some 7 mm/s from stance to stance.
+_GIVE_M, _GIVE_SD_M = (0.002, 0.0, -0.003), 0.0015
+_MIRRORED = np.array([-1.0, 1.0, -1.0])  # a rotation vector in a mirror whose normal points left
 
 
 def draw_shoes(rng: np.random.Generator) -> tuple[ShoeParameters, ShoeParameters]:
     """Left and right shoe of a person, with the mounts of their sensors.
 
     The pair has a common strength of its strikes, and a common softness: soft mounts vibrate lower, for longer, and
-    rock more. Each shoe leans under load in its own way.
+    rock more. Each shoe leans and rolls under load in its own way.
 
     Args:
         rng: Draws the person's shoes.
@@ -152,7 +173,10 @@ def draw_shoes(rng: np.random.Generator) -> tuple[ShoeParameters, ShoeParameters
         settle_rad=rock * SHOE.settle_rad,
         settle_sd_rad=rock * SHOE.settle_sd_rad,
     )
-    left, right = (replace(pair, lean_rad=lean) for lean in leans)
+    rolling, giving = np.clip(rng.spawn(1)[0].standard_normal((2, 2, 3)), -2.0, 2.0)  # of each shoe
+    rolls, gives = np.array(_ROLL_RAD) + np.array(_ROLL_SD_RAD) * rolling, np.array(_GIVE_M) + _GIVE_SD_M * giving
+    left = replace(pair, lean_rad=leans[0], roll_rad=rolls[0], give_m=gives[0])
+    right = replace(pair, lean_rad=leans[1], roll_rad=_MIRRORED * rolls[1], give_m=gives[1])
     return left, right
 
 
@@ -178,6 +202,7 @@ def case_parameters(strike: float) -> ShoeParameters:
 _LOAD_BY_QUICKNESS = 0.7  # mean load on a foot, by the inverse of the time for which it bears it
 _WALKING_STANCE_S = 0.61  # of a brisk walk; in a shorter stance the upper moves in less time
 _STANCE_OF_A_STEP_S = 1.5  # a longer stance is that of somebody who stands
+_ROLL_AT_MOST_S = 1.0  # in which the upper rolls from heel to ball
 _SWAY_FADE_S = 0.4  # in which sway begins and ends
 _LONG_AGO_S = -1e6  # before and after any walk
 BEFORE_S = 0.02  # time before touch-down at which the speed of impact is read
@@ -267,6 +292,24 @@ class _Rocks(NamedTuple):
     quick: Array
 
 
+class _Rolls(NamedTuple):
+    """S stances in which the upper rolls from heel to ball.
+
+    Attributes:
+        begin: (S,) s, touch-down.
+        end: (S,) s, toe-off.
+        duration: (S,) s, in which the upper rolls over.
+        roll: (S, 3) rad, rotation from begin to end.
+        give: (S, 3) m, displacement from begin to end.
+    """
+
+    begin: Array
+    end: Array
+    duration: Array
+    roll: Array
+    give: Array
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class UpperMotion:
     """Motion of one shoe's upper relative to its foot.
@@ -276,6 +319,7 @@ class UpperMotion:
         _parameters: Modes and amplitudes.
         _vibrations: Vibrations after all strikes of the walk.
         _rocks: Rocking in all stances.
+        _rolls: Rolling from heel to ball in all stances.
         _sways: Sway in long stances.
     """
 
@@ -283,6 +327,7 @@ class UpperMotion:
     _parameters: ShoeParameters
     _vibrations: _Vibrations
     _rocks: _Rocks
+    _rolls: _Rolls
     _sways: _Rocks
 
     @classmethod
@@ -315,7 +360,7 @@ class UpperMotion:
         unit = np.concatenate([parameters.mode_force / omega**2, parameters.mode_rate / omega], axis=1)
         # (time, amplitudes, phases) of each strike and slap, with (K, 6) arrays; (M, 3) phases of rocking per stance
         strikes, rocks = [], []
-        toe_offs, standing = rng.spawn(2)  # streams of their own leave the strikes as they are
+        toe_offs, standing, loads = rng.spawn(3)  # streams of their own leave the strikes as they are
         for step, impact in zip(landings, speeds):
             strength = np.clip(impact / parameters.impact_mps, *parameters.strength) * np.exp(
                 parameters.strike_sd * rng.standard_normal()
@@ -330,10 +375,13 @@ class UpperMotion:
                 phase = toe_offs.uniform(0.0, 2 * np.pi, shape.shape)
                 strikes.append((step.t_off, strength * parameters.snap * unit, phase))
             rocks.append(rng.uniform(0.0, 2 * np.pi, parameters.rock_rate.shape))
-        settling = rng.standard_normal((len(landings), 6))
+        settling, rolling = (source.standard_normal((len(landings), 6)) for source in (rng, loads))
         # while the wearer stands, the foot is never quite still
         stands = [step for step in steps if not step.t_off - step.t_touch < _STANCE_OF_A_STEP_S]
         nothing = np.zeros((len(stands), 3))
+        begins, ends = np.array([s.t_touch for s in landings]), np.array([min(s.t_off, -_LONG_AGO_S) for s in landings])
+        lasting = np.maximum(ends - begins, 0.1)  # (S,) s
+        quick = np.maximum(_WALKING_STANCE_S / lasting, 1.0)
         # one row for every mode after every strike
         begin = np.repeat([t for t, _, _ in strikes], len(parameters.mode_hz))
         hz, decay_s = (np.tile(x, len(strikes)) for x in (parameters.mode_hz, parameters.mode_decay_s))
@@ -349,12 +397,19 @@ class UpperMotion:
                 phase=np.reshape([phase for _, _, phase in strikes], (-1, 6)),
             ),
             _rocks=_Rocks(
-                begin=np.array([step.t_touch for step in landings]),
-                end=np.array([min(step.t_off, step.t_touch + parameters.rock_s) for step in landings]),
+                begin=begins,
+                end=np.minimum(ends, begins + parameters.rock_s),
                 phase=np.reshape(rocks, (-1, *parameters.rock_rate.shape)),
                 settle=parameters.settle_rad + settling[:, :3] * parameters.settle_sd_rad,
                 lean=parameters.lean_rad * (1.0 + parameters.lean_sd * settling[:, 3:]),
-                quick=np.array([max(_WALKING_STANCE_S / max(s.t_off - s.t_touch, 0.1), 1.0) for s in landings]),
+                quick=quick,
+            ),
+            _rolls=_Rolls(
+                begin=begins,
+                end=ends,
+                duration=np.minimum(lasting, _ROLL_AT_MOST_S),
+                roll=parameters.roll_rad * (1.0 + parameters.roll_sd * rolling[:, :3]),
+                give=parameters.give_m + parameters.give_sd_m * rolling[:, 3:],
             ),
             _sways=_Rocks(
                 begin=np.array([max(step.t_touch, _LONG_AGO_S) for step in stands]),
@@ -382,6 +437,8 @@ class UpperMotion:
         # rocking rotates about a point of the ground, so the pivot moves as well: rotation × arm
         arm = self.pivot - self._parameters.ground_m
         value[:, :3], rate[:, :3] = cross(value[:, 3:], arm), cross(rate[:, 3:], arm)
+        rows = np.searchsorted(t, [self._rolls.begin, self._rolls.end])
+        _add_rolls(t, rows, self._rolls, self.pivot, np.array(shoe.roll_m), shoe.fade_s, value, rate)
         rows = np.searchsorted(t, [self._vibrations.begin, self._vibrations.end])
         _add_vibrations(t, rows, self._vibrations, value, rate)
         return value[:, :3], value[:, 3:], rate[:, :3], rate[:, 3:]
@@ -474,6 +531,51 @@ def _add_rocks(
                     wave = amplitude * math.sin(angle)
                     value[i, 3 + k] += window * wave
                     rate[i, 3 + k] += changing * wave + quick * window * amplitude * omega * math.cos(angle)
+
+
+@_entry_kernel
+def _add_rolls(
+    t: Array,
+    rows: NDArray[np.int64],
+    rolls: _Rolls,
+    pivot: Array,
+    roll_m: Array,
+    fade_s: float,
+    value: Array,
+    rate: Array,
+) -> None:
+    """Adds the motion while the load passes from heel to ball; the shoe is as it was at toe-off.
+
+    It rolls without slip: with the share s of its rotation r, the point of the ground about which it turns moves
+    forward from a to b, so that the displacement is r × (s (p - a) - s² (b - a) / 2) at p. To this s times the give is
+    added.
+
+    Args:
+        t: (N,) increasing s.
+        rows: (2, S) first row of each stance, and one past its last.
+        rolls: The stances.
+        pivot: (3,) m, p in the foot's frame.
+        roll_m: (2,) m, a and b along the foot, on the ground.
+        fade_s: Time before toe-off in which the shoe goes back, at most half of the stance.
+        value: (N, 6) displacement, m, and rotation, rad, which are added to.
+        rate: (N, 6) their rates, which are added to.
+    """
+    way = roll_m[1] - roll_m[0]
+    for e in range(len(rolls.begin)):
+        duration, roll, give = rolls.duration[e], rolls.roll[e], rolls.give[e]
+        back_s = min(fade_s, duration / 2)
+        for i in range(rows[0, e], rows[1, e]):
+            grown, left = (t[i] - rolls.begin[e]) / duration, (rolls.end[e] - t[i]) / back_s
+            share = ease(grown) * ease(left)
+            sharing = ease_rate(grown) / duration * ease(left) - ease(grown) * ease_rate(left) / back_s
+            arm = share * (pivot[0] - roll_m[0]) - share**2 * way / 2, share * pivot[1], share * pivot[2]
+            moving = sharing * (pivot[0] - roll_m[0] - share * way), sharing * pivot[1], sharing * pivot[2]
+            for k in range(3):
+                after, last = (k + 1) % 3, (k + 2) % 3  # axes of the cross product
+                value[i, k] += roll[after] * arm[last] - roll[last] * arm[after] + share * give[k]
+                rate[i, k] += roll[after] * moving[last] - roll[last] * moving[after] + sharing * give[k]
+                value[i, 3 + k] += share * roll[k]
+                rate[i, 3 + k] += sharing * roll[k]
 
 
 def _slap_time(step: Stance, pitch: Callable[[Array], Array], flat_rad: float) -> float:

@@ -13,13 +13,14 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
-from stridetwin.sim.gait.heel_strike import SHOE, vibration
+from stridetwin.sim.gait.heel_strike import SHOE, UpperMotion, vibration
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.kinds import ImuPart
 from stridetwin.sim.parts.library import make_ideal
 from stridetwin.sim.sensors.imu import ImuModel
 from stridetwin.sim.twin import Twin
+from stridetwin.sim.walk import Stance
 from stridetwin.streams.samples import Array, Block
 
 CONFIG = TwinConfig(
@@ -209,3 +210,40 @@ def test_the_table_holds_what_its_docstring_says() -> None:
     assert SHOE.mode_force.shape == SHOE.mode_rate.shape == (modes, 3)
     assert SHOE.rock_rate.shape == (rocks, 3)
     assert SHOE.mode_hz.max() < 102.4  # nothing beyond what the recording holds
+
+
+def test_a_shoe_rolls_over_the_ground_from_heel_to_ball_without_slip() -> None:
+    """The point that touches the ground has no speed while it moves forward, and nothing is left at the end."""
+    still = replace(SHOE, rock_rate=0.0 * SHOE.rock_rate, settle_rad=np.zeros(3), settle_sd_rad=np.zeros(3), snap=0.0)
+    shoe = replace(
+        still,
+        mode_force=0.0 * SHOE.mode_force,
+        mode_rate=0.0 * SHOE.mode_rate,
+        sway_rate=0.0 * SHOE.sway_rate,
+        roll_rad=np.array([0.0, 0.03, 0.0]),
+        roll_sd=0.0,
+        give_sd_m=np.zeros(3),
+    )
+    pivot = np.array([0.11, 0.0, 0.085])
+    stance = Stance(
+        foot="l",
+        p_foot_in_world=np.zeros(3),
+        R_world_sole=np.eye(3),
+        terrain="level",
+        mode="LG",
+        t_touch=0.0,
+        t_off=0.65,
+    )
+    upper = UpperMotion.of(
+        [stance], lambda t: np.zeros(len(t)), lambda t: np.ones(len(t)), pivot, np.random.default_rng(0), shoe
+    )
+    t = np.linspace(0.0, 0.65, 651)
+    moved, turned, v, w = upper.at(t)
+    assert w[325, 1] == pytest.approx(1.875 * 0.03 / 0.65, rel=1e-6)
+    np.testing.assert_allclose(np.gradient(moved, t, axis=0)[1:-1], v[1:-1], atol=1e-4)
+    np.testing.assert_allclose(np.gradient(turned, t, axis=0)[1:-1], w[1:-1], atol=1e-3)
+    assert np.abs([moved[[0, -1]], turned[[0, -1]]]).max() < 1e-12
+    contact_m = np.interp(turned[:, 1] / 0.03, (0.0, 1.0), SHOE.roll_m)  # forward in the foot's frame
+    arm = np.column_stack([contact_m, np.zeros((len(t), 2))]) - pivot
+    while_it_rolls = t < 0.55
+    np.testing.assert_allclose((v + np.cross(w, arm))[while_it_rolls], 0.0, atol=1e-9)

@@ -65,3 +65,17 @@ def test_shoes_of_people_differ_about_the_recorded_one() -> None:
     lean = np.degrees([np.linalg.norm(right.lean_rad) for _, right in pairs])
     assert 0.6 < np.median(lean) < 4.0
     assert lean.max() < 7.7
+
+
+def test_shoes_roll_in_stance_at_the_rates_of_the_recorded_ones() -> None:
+    """Toward the toes 0.02 to 0.2 rad/s in most; the feet of a pair turn inward and lean outward as mirror images."""
+    pairs = [draw_shoes(np.random.default_rng(seed)) for seed in range(200)]
+    left, right = (np.array([shoe.roll_rad for shoe in shoes]) for shoes in zip(*pairs))
+    per_s = 1.875 / 0.65  # rate in the middle of a stance of 0.65 s, of a roll of 1 rad
+    forward = per_s * np.concatenate([left, right])[:, 1]
+    assert 0.06 < np.median(forward) < 0.10
+    assert np.mean((forward > 0.0) & (forward < 0.2)) > 0.9
+    np.testing.assert_allclose(left.mean(axis=0), right.mean(axis=0) * [-1.0, 1.0, -1.0], atol=0.004)
+    assert left[:, 2].mean() < 0.0 < right[:, 2].mean()
+    sinking = [1e3 * per_s * shoe.give_m[2] for shoes in pairs for shoe in shoes]  # mm/s
+    assert -12.0 < np.median(sinking) < -4.0
