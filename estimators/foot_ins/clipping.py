@@ -6,7 +6,7 @@ from numba import njit
 
 from stridetwin.estimators.foot_ins import state
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
-from stridetwin.estimators.foot_ins.strapdown import add_along, propagate_state, shift_covariance
+from stridetwin.estimators.foot_ins.strapdown import propagate_state, shift_covariance
 from stridetwin.streams.algebra.tuples import (
     axpy,
     inverse,
@@ -15,7 +15,6 @@ from stridetwin.streams.algebra.tuples import (
     quaternion_at,
     store_quaternion_at,
     to_matrix,
-    transposed,
     vec3_at,
 )
 from stridetwin.streams.compiled import INNER_KERNEL
@@ -30,8 +29,6 @@ _MIN_LANDING_COSINE = 0.7  # between the vertical and a channel that senses a la
 # `_LEAST_EXCESS` of the range. [14 real walks clipped at 250 to 450 °/s; twin: seeds 0-4]
 _USUAL_PEAK_RADPS, _PEAK_SHARE, _LEAST_EXCESS = 9.5, 0.6, 0.1
 _SATURATION_POWER = 4  # steepness of the transition: at half of the limit 1.5 % of the excess are lost
-# Standard deviation of the hidden rotation, as a share of it. [the same walks: 0.2 to 0.7]
-_HIDDEN_SD = 0.35
 
 
 @njit(**INNER_KERNEL)
@@ -65,10 +62,8 @@ def restore_peaks(memory: state.FilterState, parameters: KernelParameters) -> No
         for k in range(state.GYRO_BIAS):  # position, velocity and quaternion come before the biases
             moved[back, k] = x[k]
         propagate_state(x, state.rate_of(memory, i), state.force_of(memory, i), -_interval_s(memory, i), gravity, down)
-    turned = 0.0, 0.0, 0.0  # hidden rotation about each axis of the sensor, rad
     for back in range(first, -1, -1):  # forward again with the peak; `moved` becomes the difference of the states
         i = state.ring_row(memory, back)
-        turned = axpy(turned, _interval_s(memory, i), vec3_at(memory.hidden[back], 0))
         for channel in range(6):
             memory.ring[i, channel] += memory.hidden[back, channel]  # later reads of the ring include the peak
             memory.hidden[back, channel] = 0.0
@@ -84,9 +79,6 @@ def restore_peaks(memory: state.FilterState, parameters: KernelParameters) -> No
         axpy(vec3_at(x, state.POSITION), -1.0, p),
         axpy(vec3_at(x, state.VELOCITY), -1.0, v),
     )
-    axes = transposed(to_matrix(quaternion_at(x, state.ATTITUDE)))  # of the sensor, in the world
-    for i in range(3):
-        add_along(memory.covariance, memory.row + state.D_ATTITUDE, axes[i], (_HIDDEN_SD * turned[i]) ** 2)
 
 
 @njit(**INNER_KERNEL)

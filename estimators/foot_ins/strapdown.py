@@ -273,12 +273,12 @@ def predict(memory: state.FilterState, parameters: KernelParameters, rate: Vec3,
         P[o + state.D_ACCEL_BIAS + i, o + state.D_ACCEL_BIAS + i] += parameters.accel_bias_walk_mps3_rthz**2 * dt
         gyro_range = parameters.gyro_range_radps
         if _may_be_limited(memory.extreme, i, abs(rate[i]), gyro_range, _MIN_GYRO_RANGE_RADPS, parameters.limit_share):
-            add_along(P, o + state.D_ATTITUDE, axes[i], parameters.gyro_limit_noise_radps_rthz**2 * dt)
+            _add_along(P, o + state.D_ATTITUDE, axes[i], parameters.gyro_limit_noise_radps_rthz**2 * dt)
         accel_range = parameters.accel_range_mps2
         if _may_be_limited(
             memory.extreme, 3 + i, abs(force[i]), accel_range, _MIN_ACCEL_RANGE_MPS2, parameters.limit_share
         ):
-            add_along(P, o + state.D_VELOCITY, axes[i], parameters.accel_limit_noise_mps2_rthz**2 * dt)
+            _add_along(P, o + state.D_VELOCITY, axes[i], parameters.accel_limit_noise_mps2_rthz**2 * dt)
 
 
 @njit(**INNER_KERNEL)
@@ -303,7 +303,7 @@ def _may_be_limited(extreme: Array, channel: int, size: float, known: float, lea
 
 
 @njit(**INNER_KERNEL)
-def add_along(P: Array, row: int, axis: Vec3, variance: float) -> None:
+def _add_along(P: Array, row: int, axis: Vec3, variance: float) -> None:
     """Adds variance along a unit axis to the 3×3 block of `P` that begins at row and column `row`, in place."""
     for i in range(3):
         for j in range(3):
