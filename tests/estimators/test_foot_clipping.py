@@ -86,6 +86,50 @@ def test_of_a_parabola_the_hidden_area_comes_back(curvature: float) -> None:
     assert true - speed(cut, limit) == pytest.approx(0.0, abs=0.08 * hidden)
 
 
+def lost_turn(excess: Array) -> tuple[float, float]:
+    """Hidden rotation of a peak, rad, and what the restored path lacks of it; `excess` is beyond the range, rad/s."""
+    still, begin, limit = walk(strides=1), 150, np.radians(450.0)
+    rate = np.zeros((250, 3))
+    rate[begin : begin + len(excess), 1] = limit + excess
+    cut = np.minimum(rate, limit)
+    columns = {"angular_rate": cut, "specific_force": still.imu.columns["specific_force"][:250]}
+    imu = replace(still.imu, t_ns=still.imu.t_ns[:250], columns=columns)
+    nothing_stands = FootInsParameters(stationary_speed_mps=1e6, rest_level=0.0)
+
+    def turn(gyro_range: float) -> float:
+        ins = FootIns(rig_of(replace(EXACT, gyroscope_range=gyro_range)), parameters=nothing_stands)
+        q = Rotation.from_quat(ins.run(imu).trajectory.q_world_frame, scalar_first=True)
+        return float((q[begin - 1].inv() * q[begin + len(excess) + 10]).as_rotvec()[1])
+
+    hidden = float((rate - cut).sum()) / 120.0
+    return hidden, hidden - (turn(limit) - turn(1e3))
+
+
+def test_a_foot_that_rolls_at_the_range_before_it_snaps_off_hides_little() -> None:
+    """Excess of a toe-off of the twin (demo, seed 2): the slope of the snap says nothing of the plateau before it."""
+    flanks = [[-4.3, -3.5, -2.6, -1.5, -0.6], [-0.6, -3.9, -7.7]]
+    plateau = [0.17, 0.54, 0.54, 0.28, 0.0, 0.02, 0.33, 1.1, 1.95, 2.23, 1.6]
+    hidden, lost = lost_turn(np.array([*flanks[0], *plateau, *flanks[1]]))
+    assert 0.0 < hidden < 0.08
+    assert abs(lost) < 1.5 * hidden
+
+
+def test_a_dip_below_the_range_does_not_hide_the_peak_after_it() -> None:
+    hidden, lost = lost_turn(np.array([-3.0, -1.8, -0.7, 0.3, 0.4, -0.1, 0.8, 1.6, 1.7, 0.9, -1.5, -4.5]))
+    assert 0.0 < hidden
+    assert 0.0 <= lost < 0.75 * hidden  # all of it, without the slope beyond the peak alone
+
+
+@pytest.mark.parametrize("length", [6, 10, 14])
+@pytest.mark.parametrize("slope", [1.0, 4.0])
+def test_no_peak_is_restored_far_beyond_what_a_foot_turns(length: int, slope: float) -> None:
+    """However steep its ends, the mean of a restored peak stays below a share of what feet exceed the range by."""
+    ends = slope * np.array([-2.5, -1.5, -0.5])
+    hidden, lost = lost_turn(np.array([*ends, *np.zeros(length), *ends[::-1]]))
+    assert hidden == 0.0
+    assert 0.0 < -lost < 0.6 * (9.5 - np.radians(450.0)) * (length + 0.1) / 120.0
+
+
 @pytest.mark.parametrize(("axis", "share"), [(2, 0.5), (2, 0.0), (0, 0.5)])
 def test_a_landing_hides_a_share_of_the_range_upwards_and_of_nothing_else(axis: int, share: float) -> None:
     still, hit, limit = walk(strides=1), 150, 49.0
