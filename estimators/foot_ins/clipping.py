@@ -23,9 +23,9 @@ _MAX_PEAK_S = 0.15  # a longer clipped peak is not determined by its two ends
 # Least number of clipped samples of a peak: shorter impacts on an accelerometer ring and have no such shape.
 _MIN_PEAK_RATES, _MIN_PEAK_FORCES = 1, 3
 _MIN_LANDING_COSINE = 0.7  # between the vertical and a channel that senses a landing
-# In a long peak the cubic is too high: before its toes leave the ground a foot rolls for a while at about the range, and
-# the slope of its last snap says nothing of that. But no foot turns much faster than `_USUAL_PEAK_RADPS`. So the mean
-# excess over the peak saturates at `_PEAK_SHARE` of what this rate exceeds the range, or, for wide ranges, of
+# In a long peak the cubic is too high: before its toes leave the ground a foot rolls for a while at about the range,
+# and the slope of its last snap says nothing of that. But no foot turns much faster than `_USUAL_PEAK_RADPS`. So the
+# mean excess over the peak saturates at `_PEAK_SHARE` of what this rate exceeds the range, or, for wide ranges, of
 # `_LEAST_EXCESS` of the range. [14 real walks clipped at 250 to 450 °/s; twin: seeds 0-4]
 _USUAL_PEAK_RADPS, _PEAK_SHARE, _LEAST_EXCESS = 9.5, 0.6, 0.1
 _SATURATION_POWER = 4  # steepness of the transition: at half of the limit 1.5 % of the excess are lost
@@ -114,7 +114,8 @@ def _reconstruct_peak(memory: state.FilterState, parameters: KernelParameters, c
 
     A peak has just ended if the two newest samples are within the range and the third newest is not. A peak with too
     few clipped samples may be a landing impact: if the force points up, the same amount is added to each of them.
-    Any other peak is a cubic between the slopes with which the signal leaves and enters the range.
+    Any other peak is a cubic between the slopes with which the signal leaves and enters the range; that of a rate is
+    limited by what feet turn.
 
     Args:
         memory: State of the foot; `hidden` is written, in rad/s or m/s², one row per sample, the newest first.

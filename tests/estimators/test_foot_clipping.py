@@ -116,7 +116,7 @@ def test_a_foot_that_rolls_at_the_range_before_it_snaps_off_hides_little() -> No
 
 def test_a_dip_below_the_range_does_not_hide_the_peak_after_it() -> None:
     hidden, lost = lost_turn(np.array([-3.0, -1.8, -0.7, 0.3, 0.4, -0.1, 0.8, 1.6, 1.7, 0.9, -1.5, -4.5]))
-    assert 0.0 < hidden
+    assert hidden > 0.0
     assert 0.0 <= lost < 0.75 * hidden  # all of it, without the slope beyond the peak alone
 
 
