@@ -12,13 +12,14 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, StrictBool, StrictInt
 
+from stridetwin.sim.acts import ACTS, Act
 from stridetwin.sim.choices import DEFAULT_SENSORS
 from stridetwin.sim.choices import PHYSICS as PHYSICS
 from stridetwin.sim.exo_description import OwnExo
 from stridetwin.sim.faults.faults import Fault
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.people import Person as Person
-from stridetwin.streams.fields import DEGREES, MILLIMETRES, Number, OneOf, ReadAs
+from stridetwin.streams.fields import DEGREES, MILLIMETRES, Number, OneKind, OneOf, ReadAs
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2, compute_normal_gravity
 
 SIDES = ("l", "r")  # left, right
@@ -283,6 +284,7 @@ class Gait:
         shuffle: From 0, feet that are lifted, to 1, feet that slide flat along the ground in short steps.
         gaze: Where the walker looks.
         stops: Where the walker stands still for a while.
+        acts: What the walker does on the way beside walking on.
     """
 
     pattern: Annotated[str, OneOf(("walk", "wander", "jog", "run"))] = "walk"
@@ -300,6 +302,7 @@ class Gait:
         field(default_factory=Gaze)
     )
     stops: Annotated[tuple[Stop, ...], Field(min_length=1)] = ()
+    acts: Annotated[tuple[Annotated[Act, OneKind(ACTS)], ...], Field(min_length=1, max_length=100)] = ()
 
     @classmethod
     def of_pattern(cls, pattern: str = "walk", **values: Any) -> Gait:

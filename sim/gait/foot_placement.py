@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from stridetwin.sim.acts import Act
 from stridetwin.sim.config import Gait, Stop
 from stridetwin.sim.gait.running import run_step_s
 from stridetwin.sim.gait.style import leg_length, pace, shuffle_step_share, walk_growth
@@ -214,6 +215,11 @@ class Foothold:
         strip: Strip of ground there.
         pause_s: Time that the walker stands still on both feet after this step, s.
         treads: How many treads the step to here goes up or down at a time.
+        left_m: Distance of the middle between the feet to the left of the way, m.
+        yaw_rad: Direction of the walker relative to the way, rad, left positive.
+        manner: How the step to here is made: `walk`, or `place`, onto a flat foot and without leading on.
+        time_s: Duration of the step of an act, s; 0 for a step of walking.
+        act: What the walker does here; None to walk on.
     """
 
     foot: str
@@ -221,6 +227,11 @@ class Foothold:
     strip: Strip
     pause_s: float = 0.0
     treads: int = 1
+    left_m: float = 0.0
+    yaw_rad: float = 0.0
+    manner: str = "walk"
+    time_s: float = 0.0
+    act: Act | None = None
 
 
 def limp_factor(gait: Gait, foot: str) -> float:
@@ -242,11 +253,13 @@ def plan_footholds(layout: Layout, size: Wearer, gait: Gait, tempo: Tempo, rng: 
         ConfigError: A strip too short for a foot, or a stop beyond the end of the route.
     """
     end = layout.profile[-1].s1 - RUN_OUT_M
-    for stop in gait.stops:
-        if stop.at_m >= end:
-            raise ConfigError("gait", "stops.at_m", stop.at_m, f"less than {end:.2f} m, the length of the way")
+    for name, entries in (("stops", gait.stops), ("acts", gait.acts)):
+        for entry in entries:
+            if entry.at_m >= end:
+                raise ConfigError("gait", f"{name}.at_m", entry.at_m, f"less than {end:.2f} m, the length of the way")
     holds: list[Foothold] = []
-    stops = sorted(gait.stops, key=lambda stop: stop.at_m)  # those that are still ahead
+    standing = [act for act in gait.acts if act.stands]
+    stops: list[Stop | Act] = sorted([*gait.stops, *standing], key=lambda stop: stop.at_m)  # those still ahead
     skipped = [False] * len(layout.profile)  # whether no foot is placed on a strip
     if gait.stairs == "two_at_a_time":
         skipped = _find_skipped_strips(layout.profile, size)
@@ -276,7 +289,7 @@ def _plan_on_strip(
     tempo: Tempo,
     rng: np.random.Generator,
     first: int,
-    stops: Sequence[Stop],
+    stops: Sequence[Stop | Act],
 ) -> list[Foothold]:
     """Footholds on one strip of ground, in order.
 
@@ -292,13 +305,13 @@ def _plan_on_strip(
         tempo: Speed and step length along the way.
         rng: Draws pauses and errors of the step length.
         first: Number of footholds before this strip, which decides the foot.
-        stops: Stops on this strip.
+        stops: Stops on this strip, and acts for which the walker stops.
 
     Returns:
         The footholds; none on the strip behind the start, where the two feet already stand.
 
     Raises:
-        ConfigError: The strip is shorter than a shoe.
+        ConfigError: The strip is shorter than a shoe, or has no room for an act.
     """
     # a strip reaches from the arc length `s0` to `s1`, and from the height `z0` to `z1`
     profile, strip = layout.profile, layout.profile[k]
@@ -375,10 +388,15 @@ def _plan_on_strip(
     if last_strip:
         weights[-1] *= min(_SHORT_STOP_MPS / gait.speed_mps, 1.0)  # fast walkers stop with a shorter step
     places = _share_out(weights, paces, along)
+    acts: dict[int, Act] = {}  # by number of the foothold
     for stop in stops:
         # a step into the stop and one out of it lie on the strip, if it has room for both
         i = min(max(int(np.searchsorted(places, stop.at_m)), 1), max(count - 2, 0))
-        pauses[i] += stop.for_s
+        if isinstance(stop, Stop):
+            pauses[i] += stop.for_s
+        else:
+            i = _foothold_of_act(stop, strip, feet, i)
+            acts[i] = stop
         if strip.terrain != "stair" and count > 2:
             weights[i : i + 2] *= _STEP_INTO_PAUSE, _FIRST_STEP
     places = _share_out(weights, paces, along)
@@ -388,13 +406,44 @@ def _plan_on_strip(
         places[1:-1] += np.clip(rng.normal(0.0, gait.step_sd, len(places) - 2), -max_error, max_error) * lengths
     before = [Foothold(foot=_foot_of_step(first), s=x, strip=strip) for x in beside]
     return before + [
-        Foothold(foot=f, s=float(x), strip=strip, pause_s=p) for f, x, p in zip(feet, places, pauses.tolist())
+        Foothold(foot=f, s=float(x), strip=strip, pause_s=p, act=acts.get(i))
+        for i, (f, x, p) in enumerate(zip(feet, places, pauses.tolist()))
     ]
 
 
-def _place_beside(feet: Sequence[str], s: float, strip: Strip, stops: Sequence[Stop]) -> list[Foothold]:
-    """Footholds of steps at one place of a strip, at the arc length `s`, m; all stops are made after the last one."""
-    pauses = [0.0] * (len(feet) - 1) + [sum(stop.for_s for stop in stops)]
+def _foothold_of_act(act: Act, strip: Strip, feet: Sequence[str], i: int) -> int:
+    """Number of the foothold at which an act begins: the i-th, or a neighbour from which the other foot leads.
+
+    Args:
+        act: The act.
+        strip: Strip of ground there.
+        feet: Feet of the footholds on it.
+        i: Number of the foothold where the walker would stop.
+
+    Raises:
+        ConfigError: The act does not fit the strip.
+    """
+    if act.level_alone and strip.terrain != "level":
+        raise ConfigError("gait", "acts.at_m", act.at_m, f"a place on level ground for {act.kind}")
+    if feet[i] == act.leading_foot:
+        i += 1 if i + 1 <= len(feet) - 2 else -1
+    if not 1 <= i <= len(feet) - 2:
+        valid = f"a place with two steps before and after it on the same {strip.terrain} for {act.kind}"
+        raise ConfigError("gait", "acts.at_m", act.at_m, valid)
+    return i
+
+
+def _place_beside(feet: Sequence[str], s: float, strip: Strip, stops: Sequence[Stop | Act]) -> list[Foothold]:
+    """Footholds of steps at one place of a strip, at the arc length `s`, m; all stops are made after the last one.
+
+    Raises:
+        ConfigError: The walker cannot do an act there.
+    """
+    for act in stops:
+        if isinstance(act, Act):
+            valid = f"a place with two steps before and after it on the same {strip.terrain} for {act.kind}"
+            raise ConfigError("gait", "acts.at_m", act.at_m, valid)
+    pauses = [0.0] * (len(feet) - 1) + [sum(stop.for_s for stop in stops if isinstance(stop, Stop))]
     return [Foothold(foot=foot, s=s, strip=strip, pause_s=pause) for foot, pause in zip(feet, pauses)]
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from stridetwin.sim.config import GAZES, MAX_ASYMMETRY, PATTERNS, SPEED_RANGE_MPS, STAIRS, SWAY_RANGE_HZ, Gait
+from stridetwin.sim.gait.act_steps import act_style, check_acts, perform_acts
 from stridetwin.sim.gait.foot_placement import (
     STEEP_RAD,
     Foothold,
@@ -139,6 +140,9 @@ def plan_timing(
     rises = _riser_heights(holds)
     without_limp = _step_durations(way, holds, rises, gait, tempo, rng)
     styles = [apply_shuffle(style, gait.shuffle) for style in _step_styles(holds, rises, without_limp, size, gait)]
+    for i, hold in enumerate(holds):
+        if hold.manner != "walk":
+            without_limp[i], styles[i] = hold.time_s, act_style(hold)
     durations = without_limp * [limp_factor(gait, hold.foot) for hold in holds]
     # a pause at a foothold delays the next step, and both feet stay on the ground for longer
     pauses = np.array([0.0, *(hold.pause_s for hold in holds[:-1])])
@@ -217,7 +221,7 @@ def _step_styles(
         size: Wearer.
         gait: Gait of the person.
     """
-    speeds = np.diff([0.0, *(hold.s for hold in holds)]) / durations
+    speeds = np.abs(np.diff([0.0, *(hold.s for hold in holds)])) / durations
     speeds = np.convolve(np.pad(speeds, 1, mode="edge"), _SHARED_SPEED, mode="valid")
     styles = []
     for speed, rise, previous_rise, duration in zip(speeds, rises, [0.0, *rises], durations.tolist()):
@@ -300,7 +304,9 @@ class Footstep(Stance):
         return self.t_touch - RUN_LANDING_S if self.is_run else self.t_touch
 
 
-def plan_footsteps(layout: Layout, size: Wearer, gait: Gait, rng: np.random.Generator) -> tuple[list[Footstep], float]:
+def plan_footsteps(
+    layout: Layout, size: Wearer, gait: Gait, rng: np.random.Generator, half_width_m: float = np.inf
+) -> tuple[list[Footstep], float]:
     """Footsteps along the way from s = 0 to the end of the route, and the walk's duration in s.
 
     The walk starts and ends on both feet. Each sole lies wholly on one strip: step lengths are adapted before an edge.
@@ -310,21 +316,26 @@ def plan_footsteps(layout: Layout, size: Wearer, gait: Gait, rng: np.random.Gene
         size: Wearer.
         gait: Gait of the person.
         rng: Draws the variability of the steps.
+        half_width_m: Half of the width of the way, m, which the feet do not leave.
 
     Raises:
         ConfigError: A gait that is impossible to walk (the message names field, value and range), or a strip too short
             for a foot.
     """
     check_gait(gait)
+    check_acts(gait)
     tempo = Tempo.along(layout, size, gait, rng)
     holds = plan_footholds(layout, size, gait, tempo, rng)
+    if gait.acts:
+        holds = perform_acts(holds, half_width_m)
     durations, styles = plan_timing(layout.way, holds, size, gait, tempo, rng)
     touch = gait.stand_s + _LEAD_S + np.cumsum(durations)
     # toe-off of the foot that makes each step: its swing is the share 1 − double_support before the touch-down
     off = touch - durations * [1.0 - float(style.double_support) for style in styles]
     # all footprints in order: first the two on which the walker stands
-    rows = [_Row(foot, 0.0, layout.profile[0], -np.inf, level_style(0.0)) for foot in ("l", "r")]
-    rows += [_Row(p.foot, p.s, p.strip, t, style, p.pause_s) for p, t, style in zip(holds, touch, styles)]
+    first = [Foothold(foot=foot, s=0.0, strip=layout.profile[0]) for foot in ("l", "r")]
+    rows = [_Row(hold, -np.inf, level_style(0.0)) for hold in first]
+    rows += [_Row(hold, t, style) for hold, t, style in zip(holds, touch, styles)]
     steps = []
     for i, row in enumerate(rows):
         # number of the next footprint of the same foot; `off[k]` is the toe-off before row k + 2, after the first two
@@ -344,20 +355,29 @@ class _Row:
     """A footprint with its time and style, before its pose in the world is known.
 
     Attributes:
-        foot: `l` or `r`.
-        s: Arc length along the way, m.
-        strip: Strip of ground there.
+        hold: Its foothold.
         t_touch: Touch-down, s; -inf for the feet that stand at the start.
         style: Style of the step that ends here.
-        pause_s: Time for which the walker stands still on both feet after this touch-down, s.
     """
 
-    foot: str
-    s: float
-    strip: Strip
+    hold: Foothold
     t_touch: float
     style: Style
-    pause_s: float = 0.0
+
+    @property
+    def foot(self) -> str:
+        """`l` or `r`."""
+        return self.hold.foot
+
+    @property
+    def s(self) -> float:
+        """Arc length along the way, m."""
+        return self.hold.s
+
+    @property
+    def strip(self) -> Strip:
+        """Strip of ground there."""
+        return self.hold.strip
 
     @property
     def z(self) -> float:
@@ -404,9 +424,10 @@ def _footstep(
     steep = slope > STEEP_RAD + 0.05  # rad: 3° more than where steps become shorter
     flat = rise_before > _RISER_M or rise_of_foot != 0.0 or steep
     flat |= gait.shuffle > _FLAT_SHUFFLE and rise_before >= -_RISER_M
+    flat |= row.hold.manner == "place"
     side = 1.0 if row.foot == "l" else -1.0
     error = np.clip(rng.normal(0.0, _SIDE_SD_M * gait.step_sd), -_MAX_SIDE_M, _MAX_SIDE_M)
-    left = side * (HALF_STEP_WIDTH_M + widening(way, before.s, row.s)) + float(error)
+    left = side * (HALF_STEP_WIDTH_M + widening(way, before.s, row.s)) + float(error) + row.hold.left_m
     # the ground rises by tan(cross slope) per horizontal metre to the left, also where it is inclined along the way
     tilt = math.atan(math.tan(row.strip.cross_slope) * math.cos(slope))
     R_world_ground = rot_z(np.array(heading)) @ rot_y(np.array(-slope)) @ rot_x(np.array(tilt))
@@ -427,7 +448,7 @@ def _footstep(
         t_off=t_off,
         style=row.style,
         clearance_m=CLEARANCE_M + gait.shuffle * (_SLIDING_CLEARANCE_M - CLEARANCE_M),
-        pause_s=row.pause_s,
+        pause_s=row.hold.pause_s,
     )
 
 

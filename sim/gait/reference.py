@@ -192,7 +192,7 @@ def plan_reference(
     Raises:
         StrideTwinError: The legs cannot reach the footsteps.
     """
-    footsteps, duration = plan_footsteps(terrain.layout, size, config.gait, rng)
+    footsteps, duration = plan_footsteps(terrain.layout, size, config.gait, rng, config.route.width_m / 2)
     # swings are drawn from a stream of their own, which leaves places and times of the steps as they are
     footsteps = vary_swings(footsteps, config.gait, rng.spawn(1)[0])
     if config.physics == "dynamic":

@@ -1,0 +1,87 @@
+"""Footholds of what a walker does on the way: each act inserts steps where the walker has come to a stand for it.
+
+An act inserts an even number of steps, so that the feet alternate as before. Each kind of act has a module of its own;
+this one joins their footholds, and gives the steps their time and style.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from stridetwin.sim.acts import Act, SideStep
+from stridetwin.sim.config import Gait
+from stridetwin.sim.gait.foot_placement import Foothold
+from stridetwin.sim.gait.side_steps import Aside, place_side_steps
+from stridetwin.sim.gait.style import Style, level_style
+from stridetwin.streams.errors import ConfigError
+
+MIN_APART_M = 1.0
+"""Least distance between two acts for which the walker stops, or between one and a stop, m."""
+
+# Steps that do not lead on are short and slow. They are made on flat feet (chosen by hand).
+_SUPPORT = 0.32  # share of such a step with both feet on the ground
+_FLATTER = 0.25  # pitch of the feet relative to that of the slowest walk
+_HEIGHT_LEGS = 0.985  # mean height of the pelvis, leg lengths
+_STILLER = 0.05  # its oscillation, relative to that of the slowest walk
+
+
+def check_acts(gait: Gait) -> None:
+    """Rejects acts that are too near to each other or to a stop, or that no runner does.
+
+    Raises:
+        ConfigError: The message names field, value and what is valid.
+    """
+    standing = [act for act in gait.acts if act.stands]
+    if standing and gait.pattern == "run":
+        raise ConfigError("gait", "acts.kind", standing[0].kind, "none in a run for which the walker stops")
+    places = sorted([act.at_m for act in standing] + ([stop.at_m for stop in gait.stops] if standing else []))
+    for before, after in pairwise(places):
+        if after - before < MIN_APART_M:
+            valid = f"at least {MIN_APART_M:g} m after the act or stop at {before:g} m"
+            raise ConfigError("gait", "acts.at_m", after, valid)
+
+
+def perform_acts(holds: Sequence[Foothold], half_width_m: float) -> list[Foothold]:
+    """Footholds with the steps of all acts, and beside the middle of the way where the walker has stepped aside.
+
+    Args:
+        holds: Footholds in order; those where an act begins name it.
+        half_width_m: Half of the width of the way, m.
+
+    Raises:
+        ConfigError: An act that leaves the way.
+    """
+    performed: list[Foothold] = []
+    aside = Aside()
+    for i, hold in enumerate(holds):
+        if i + 1 < len(holds):  # the last step only brings the feet together
+            aside = aside.after(hold.foot)
+        performed.append(replace(hold, left_m=aside.left_m))
+        if hold.act is not None:
+            steps, aside = _place_steps(hold.act, performed[-1], aside, half_width_m)
+            performed += steps
+    return performed
+
+
+def _place_steps(act: Act, hold: Foothold, aside: Aside, half_width_m: float) -> tuple[list[Foothold], Aside]:
+    """Footholds that an act inserts after the foothold `hold`, and where the walker is beside the way after it."""
+    if isinstance(act, SideStep):
+        return place_side_steps(act, hold, aside, half_width_m)
+    raise TypeError(type(act).__name__)
+
+
+def act_style(hold: Foothold) -> Style:
+    """Style of a step of an act."""
+    style = level_style(0.0)  # that of the slowest walk of the table
+    return replace(
+        style,
+        double_support=_SUPPORT,
+        pitch=_FLATTER * style.pitch,
+        height=np.append(_HEIGHT_LEGS, _STILLER * style.height[1:]),
+        forward=0.0 * style.forward,
+        lift=0.0 * style.lift,
+    )

@@ -1,0 +1,142 @@
+"""What a wearer does on the way beside walking on: places of the feet, bounds of benchmarks.gait, refused values."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from benchmarks import gait
+from stridetwin.sim.acts import SideStep, StepAside
+from stridetwin.sim.config import Gait, Level, Route, Stairs, Stop, TwinConfig
+from stridetwin.sim.gait.footsteps import Footstep
+from stridetwin.sim.twin import Twin
+from stridetwin.streams.errors import ConfigError
+
+LEVEL = TwinConfig(name="acts", route=Route(segments=(Level(length_m=8.0),)), exo=None, sensors=())
+WALKS: dict[str, TwinConfig] = {
+    "side steps": replace(
+        LEVEL,
+        gait=Gait(acts=(SideStep(at_m=1.8, left_m=0.5, for_s=0.6), StepAside(at_m=4.0, left_m=-0.4, for_s=1.0))),
+    ),
+}
+
+
+@pytest.fixture(scope="module")
+def twins() -> dict[str, Twin]:
+    return {name: Twin(config, 3) for name, config in WALKS.items()}
+
+
+def in_order(twin: Twin) -> list[Footstep]:
+    steps = [s for side in twin.reference.steps.values() for s in side if np.isfinite(s.t_touch)]
+    return sorted(steps, key=lambda s: s.t_touch)
+
+
+def left_of(steps: list[Footstep]) -> np.ndarray:
+    """(N,) m, middle between the feet to the left of a straight way, from places of the feet."""
+    return np.array([s.p_foot_in_world[1] - (0.06 if s.foot == "l" else -0.06) for s in steps])
+
+
+@pytest.mark.parametrize("name", list(WALKS))
+def test_feet_stay_on_the_ground_and_joints_in_human_ranges(twins: dict[str, Twin], name: str) -> None:
+    twin = twins[name]
+    assert 1e3 * max(gait.penetration(twin, side) for side in "lr") < gait.ALLOWED["penetration_mm"]
+    assert 1e3 * max(gait.slip(twin, side) for side in "lr") < gait.ALLOWED["slip_mm"]
+    for joint, (low, high) in gait.HUMAN_DEG.items():
+        least, most = gait.joint_range_deg(twin, joint)
+        assert low - 4.0 <= least, joint
+        assert most <= high + 5.0, joint
+
+
+@pytest.mark.parametrize("name", list(WALKS))
+def test_motion_is_smooth_to_the_second_derivative(twins: dict[str, Twin], name: str) -> None:
+    twin = twins[name]
+    # the largest change of an acceleration shrinks with the time between two instants: it does not jump
+    changes = []
+    for dt in (2e-3, 2.5e-4):
+        a = twin.walk.splines(np.arange(0.0, twin.duration_s, dt), 2)
+        changes.append(np.abs(np.diff(a, axis=0)).max(axis=0))
+    moves = changes[0] > 1e-3
+    assert np.all(changes[1][moves] < 0.35 * changes[0][moves])
+
+
+@pytest.mark.parametrize("name", list(WALKS))
+def test_feet_alternate_and_one_is_always_on_the_ground(twins: dict[str, Twin], name: str) -> None:
+    steps = in_order(twins[name])
+    assert [s.foot for s in steps] == ["r", "l"] * (len(steps) // 2) + ["r"] * (len(steps) % 2)
+    for before, after in pairwise(steps):
+        assert before.t_off > after.t_touch
+
+
+def test_side_steps_lead_with_the_foot_on_that_side_and_stay_there(twins: dict[str, Twin]) -> None:
+    steps = in_order(twins["side steps"])
+    left = left_of(steps)
+    assert left[:3] == pytest.approx(np.zeros(3), abs=0.02)
+    first = int(np.flatnonzero(np.abs(left) > 0.1)[0])
+    assert steps[first].foot == "l"
+    assert left[first : first + 4] == pytest.approx([0.25, 0.25, 0.5, 0.5], abs=0.02)
+    assert {s.s for s in steps[first - 1 : first + 4]} == {steps[first].s}
+    assert steps[first].s == pytest.approx(1.8, abs=1.0)
+    assert left[first + 4] == pytest.approx(0.5, abs=0.02)
+    assert all(s.mode == "LG" for s in steps)
+
+
+def test_who_steps_aside_comes_back(twins: dict[str, Twin]) -> None:
+    steps = in_order(twins["side steps"])
+    left = left_of(steps)
+    aside = [i for i, s in enumerate(steps) if s.pause_s == 1.0]
+    assert len(aside) == 1
+    assert left[aside[0]] == pytest.approx(0.1, abs=0.02)
+    assert left[-1] == pytest.approx(0.5, abs=0.02)
+    # the feet never cross
+    for before, after in pairwise(steps[aside[0] :]):
+        apart = (after.p_foot_in_world - before.p_foot_in_world)[1] * (1.0 if after.foot == "l" else -1.0)
+        assert apart > 0.08
+
+
+def test_walk_without_acts_is_that_of_before() -> None:
+    assert Gait().acts == ()
+    steps = in_order(Twin(replace(LEVEL, route=Route(segments=(Level(length_m=2.0),))), 1))
+    assert left_of(steps) == pytest.approx(np.zeros(len(steps)), abs=0.02)
+
+
+def test_simulated_walker_steps_aside() -> None:
+    acts = (StepAside(at_m=1.5, left_m=0.4, for_s=1.0),)
+    route = Route(segments=(Level(length_m=4.0),))
+    twin = Twin(replace(LEVEL, route=route, gait=Gait(acts=acts), physics="dynamic"), 1)
+    assert twin.fell_at is None
+    assert twin.duration_s == pytest.approx(twin.reference.duration_s, abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("walk", "message"),
+    [
+        (
+            Gait(acts=(SideStep(at_m=80.0, left_m=0.3),)),
+            r"acts.at_m: invalid 80.*less than .* m, the length of the way",
+        ),
+        (Gait(acts=(SideStep(at_m=3.0, left_m=0.0),)), r"acts.left_m: invalid 0.*at least 0.05 m"),
+        (Gait(acts=(SideStep(at_m=3.0, left_m=1.2),)), r"acts.left_m: invalid 1.2.*from the middle of the way"),
+        (
+            Gait(acts=(SideStep(at_m=3.0, left_m=0.3), SideStep(at_m=3.4, left_m=0.3))),
+            r"acts.at_m: invalid 3.4.*at least 1 m after",
+        ),
+        (
+            Gait(acts=(SideStep(at_m=3.0, left_m=0.3),), stops=(Stop(at_m=3.1, for_s=1.0),)),
+            r"acts.at_m: invalid 3.1.*at least 1 m after",
+        ),
+        (Gait(acts=(SideStep(at_m=3.0, left_m=0.3),), pattern="run"), r"acts.kind: invalid 'side_step'.*in a run"),
+    ],
+)
+def test_impossible_acts_are_refused(walk: Gait, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        Twin(replace(LEVEL, gait=walk), 0)
+
+
+def test_side_steps_on_a_tread_are_refused() -> None:
+    route = Route(segments=(Level(length_m=2.5), Stairs(risers=5), Level(length_m=2.0)))
+    acts = (SideStep(at_m=3.1, left_m=0.3),)
+    with pytest.raises(ConfigError, match=r"acts.at_m: invalid 3.1.*for side_step"):
+        Twin(replace(LEVEL, route=route, gait=Gait(acts=acts)), 0)
