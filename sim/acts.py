@@ -74,5 +74,22 @@ class StepAside(SideStep):
     for_s: Annotated[Number, Field(ge=0, le=60)] = 2.0
 
 
-ACTS: dict[str, type[Act]] = {act.kind: act for act in (SideStep, StepAside)}
+@dataclass(frozen=True, kw_only=True)
+class Backwards(Act):
+    """A stretch that is walked backwards, also over risers, and then forwards again.
+
+    Attributes:
+        at_m: Along the way; it begins at about the first foothold from there on.
+        for_m: How far back.
+        for_s: How long the walker stands there.
+    """
+
+    kind: ClassVar[str] = "backwards"
+    level_alone: ClassVar[bool] = False
+
+    for_m: Annotated[Number, Field(ge=0.2, le=20)]
+    for_s: Annotated[Number, Field(ge=0, le=60)] = 0.0
+
+
+ACTS: dict[str, type[Act]] = {act.kind: act for act in (SideStep, StepAside, Backwards)}
 """Every kind of act by its name in scenario files."""

@@ -12,12 +12,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from stridetwin.sim.acts import Act, SideStep
+from stridetwin.sim.acts import Backwards, SideStep
 from stridetwin.sim.config import Gait
+from stridetwin.sim.gait.backwards import place_backward_steps, stand_before
 from stridetwin.sim.gait.foot_placement import Foothold
 from stridetwin.sim.gait.side_steps import Aside, place_side_steps
 from stridetwin.sim.gait.style import Style, level_style
 from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.way import Way
 
 MIN_APART_M = 1.0
 """Least distance between two acts for which the walker stops, or between one and a stop, m."""
@@ -45,15 +47,16 @@ def check_acts(gait: Gait) -> None:
             raise ConfigError("gait", "acts.at_m", after, valid)
 
 
-def perform_acts(holds: Sequence[Foothold], half_width_m: float) -> list[Foothold]:
+def perform_acts(holds: Sequence[Foothold], way: Way, half_width_m: float) -> list[Foothold]:
     """Footholds with the steps of all acts, and beside the middle of the way where the walker has stepped aside.
 
     Args:
         holds: Footholds in order; those where an act begins name it.
+        way: The way.
         half_width_m: Half of the width of the way, m.
 
     Raises:
-        ConfigError: An act that leaves the way.
+        ConfigError: An act that leaves the way, or for which it is too short or not straight.
     """
     performed: list[Foothold] = []
     aside = Aside()
@@ -61,17 +64,14 @@ def perform_acts(holds: Sequence[Foothold], half_width_m: float) -> list[Foothol
         if i + 1 < len(holds):  # the last step only brings the feet together
             aside = aside.after(hold.foot)
         performed.append(replace(hold, left_m=aside.left_m))
-        if hold.act is not None:
-            steps, aside = _place_steps(hold.act, performed[-1], aside, half_width_m)
+        act = hold.act
+        if isinstance(act, SideStep):
+            steps, aside = place_side_steps(act, performed[-1], aside, half_width_m)
             performed += steps
+        elif isinstance(act, Backwards):
+            performed[-1] = stand_before(performed[-1])
+            performed += place_backward_steps(act, holds[: i + 1], aside.left_m, way)
     return performed
-
-
-def _place_steps(act: Act, hold: Foothold, aside: Aside, half_width_m: float) -> tuple[list[Foothold], Aside]:
-    """Footholds that an act inserts after the foothold `hold`, and where the walker is beside the way after it."""
-    if isinstance(act, SideStep):
-        return place_side_steps(act, hold, aside, half_width_m)
-    raise TypeError(type(act).__name__)
 
 
 def act_style(hold: Foothold) -> Style:

@@ -276,7 +276,7 @@ def _swing_poses(
         )
 
     # `forward` is the window of forward motion, `lift` (N,) m the height above the smooth path
-    forward, lift_m = _DIRECT, _bump_amplitude(shortfall(_DIRECT)) if a.departure == "push" else np.inf
+    forward, lift_m = _DIRECT, _bump_amplitude(shortfall(_DIRECT)) if a.departure in ("push", "back") else np.inf
     if lift_m <= _MAX_BUMP_M:
         lift = bump(s) * lift_m
     else:
@@ -310,6 +310,8 @@ def _toe_ends(a: Footstep, b: Footstep, pitch: Callable[[Array], Array]) -> tupl
     # pitch at both ends, shortly after them and shortly before them; columns: toe-off, touch-down
     (toe_a, toe_b), after, before = pitch(np.concatenate([ends, ends + h, ends - h])).reshape(3, 2)
     rate_a, rate_b = (after - before) / (2 * h) * (b.t_touch - a.t_off)  # per second, then per share of swing
+    if a.departure == "back":  # the heel is the last on the ground, with straight toes
+        toe_a = rate_a = 0.0
     return float(toe_a), float(rate_a), max(float(toe_b), 0.0), float(rate_b) if b.arrival != "heel" else 0.0
 
 
@@ -338,8 +340,9 @@ def _swing_positions(a: Footstep, b: Footstep, size: Wearer, s: Array, R: Array,
         forward_share = _run_forward(s, b.t_touch - a.t_off, b.swing.landing * _RUN_SPEED, RUN_LANDING_S)
     heel, hinge = _pivots(size.shoe)
     landing = heel if b.arrival == "heel" else hinge  # pivot of the landing
-    pivot_in_foot = hinge + soft_ease((s - _PIVOT_FROM) / _PIVOT_LASTS)[:, None] * (landing - hinge)
-    start: Array = a.p_foot_in_world + a.R_world_sole @ hinge
+    leaving = heel if a.departure == "back" else hinge  # likewise, before the swing
+    pivot_in_foot = leaving + soft_ease((s - _PIVOT_FROM) / _PIVOT_LASTS)[:, None] * (landing - leaving)
+    start: Array = a.p_foot_in_world + a.R_world_sole @ leaving
     end = b.p_foot_in_world + b.R_world_sole @ landing
     point = start + np.stack([forward_share, forward_share, upward_share], -1) * (end - start)
     # in a turn the foot moves on an arc, so that it keeps its distance when it passes the other one

@@ -80,6 +80,10 @@ class ToeOff:
     swing: tuple[tuple[float, float], ...]
 
 
+_EDGE_M = 0.05  # lower differences of height are no edges for a foot that goes backwards
+# knots of a swing backwards over an edge, (share of swing, pitch): the foot hangs from a bent leg
+_BACK_UP_TIPTOE_RAD = 0.30  # additional pitch at a landing backwards and up
+_BACK_OVER_EDGE = ((0.16, 0.02), (0.34, 0.22), (0.52, 0.28))
 # knots of the rise of a heel: share of the time from heel-off to toe-off, share of the pitch at toe-off
 _RISE = ((0.0, 0.0), (0.30, 0.05), (0.55, 0.20), (0.80, 0.55), (1.0, 1.0))
 # Going down, the knee bends under the body until the ankle reaches its limit: then the heel has to rise quickly.
@@ -94,6 +98,13 @@ _LANDINGS = {
         lowering=((0.3, 0.87), (0.55, 0.66), (0.78, 0.33)),
     ),
 }
+# Walking backwards, the calf lowers the heel while the body comes over the foot, and the heel leaves last.
+_LANDINGS["toe"] = Landing(
+    before=((0.72, 0.12), (0.88, 0.25)),
+    touch=0.27,
+    flat_after=0.36,
+    lowering=((0.3, 0.80), (0.6, 0.40), (0.8, 0.15)),
+)
 _TOE_OFFS = {
     "climb": ToeOff(heel_off_before=0.42, rise=_RISE, off=0.52, swing=((0.16, 0.85), (0.34, 0.90), (0.52, 0.75))),
     "lower": ToeOff(
@@ -102,6 +113,7 @@ _TOE_OFFS = {
         off=0.70,
         swing=((0.16, 0.92), (0.30, 0.60), (0.50, 0.28), (0.63, 0.28)),
     ),
+    "back": ToeOff(heel_off_before=0.26, rise=_RISE, off=-0.17, swing=((0.16, -0.13), (0.34, -0.03), (0.52, 0.04))),
 }
 
 
@@ -138,6 +150,9 @@ def plan_pitch(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Arr
         tiptoe = _HIGH_TIPTOE_RAD if high else _TIPTOE_BY_RISE * rise
         if b.arrival == "flat":
             tiptoe += _TIPTOE_BY_SLOPE * max(b.slope - _USUAL_SLOPE_RAD, 0.0)
+        backs_up = b.arrival == "toe" and b.p_foot_in_world[2] - a.p_foot_in_world[2] > _EDGE_M
+        if backs_up:  # the body is still in front of the foot, and comes up over its ball
+            tiptoe = _BACK_UP_TIPTOE_RAD
         # uphill the heel rises earlier, and higher at toe-off
         uphill = max(a.slope, 0.0)
         push, early = _PUSH_BY_SLOPE * uphill, 1.0 / (1.0 + _EARLY_BY_SLOPE * uphill)
@@ -148,6 +163,8 @@ def plan_pitch(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Arr
         # uphill the sole comes down nearly parallel to the slope, because the ankle cannot raise the toes farther
         slope_pitch = min(max(b.slope, 0.0), -landing.touch - _MIN_HEEL_FIRST_RAD) if landing.touch < 0.0 else 0.0
         swing_knots, landing_knots = tuple((u, b.swing.push * x) for u, x in toe_off.swing), landing.before
+        if a.departure == "back" and abs(a.p_foot_in_world[2] - b.p_foot_in_world[2]) > _EDGE_M:
+            swing_knots = _BACK_OVER_EDGE
         if a.departure == "push" and b.arrival == "flat":  # toes that swing up would have to go down again at once
             swing_knots, landing_knots = tuple((u, max(angle, landing.touch)) for u, angle in swing_knots), ()
         knots += [(a.t_off + u * swing, angle + tiptoe) for u, angle in swing_knots]
@@ -155,7 +172,7 @@ def plan_pitch(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Arr
         # the sole comes down from the pitch of the landing until it lies flat
         flat = b.t_touch + min((landing.flat_after + tiptoe) * duration, _FLAT_BY * (b.t_off - b.t_touch))
         touch, lowering_time = landing.touch + slope_pitch + tiptoe, flat - b.t_touch
-        lowering = (_HIGH_LOWERING,) if high else landing.lowering
+        lowering = (_HIGH_LOWERING,) if high or backs_up else landing.lowering
         knots.append((b.t_touch, touch))
         knots += [(b.t_touch + u * lowering_time, k * touch) for u, k in lowering]
         knots.append((flat, 0.0))

@@ -273,8 +273,8 @@ class Footstep(Stance):
         slope: Inclination of the ground along the way, rad, uphill positive.
         rise: Height above the other foot's previous footprint, m.
         fall: Height above the other foot's next footprint, m.
-        arrival: heel, flat or forefoot: the part that touches down first.
-        departure: push, climb or lower: manner of toe-off.
+        arrival: heel, flat or forefoot: the part that touches down first; toe when walking backwards.
+        departure: push, climb or lower: manner of toe-off; back when the foot goes on backwards.
         style: Style of the step that ends here.
         clearance_m: Clearance of the sole above the ground on the way here, m.
         pause_s: Time for which the walker stands still on both feet after this touch-down, s.
@@ -327,7 +327,7 @@ def plan_footsteps(
     tempo = Tempo.along(layout, size, gait, rng)
     holds = plan_footholds(layout, size, gait, tempo, rng)
     if gait.acts:
-        holds = perform_acts(holds, half_width_m)
+        holds = perform_acts(holds, layout.way, half_width_m)
     durations, styles = plan_timing(layout.way, holds, size, gait, tempo, rng)
     touch = gait.stand_s + _LEAD_S + np.cumsum(durations)
     # toe-off of the foot that makes each step: its swing is the share 1 − double_support before the touch-down
@@ -419,12 +419,18 @@ def _footstep(
     # a step over a riser of at least `_STAIR_MODE_M` is stair ascent or descent; on a ramp the slope decides
     mode = "SA" if rise_before >= _STAIR_MODE_M else "SD" if rise_before <= -_STAIR_MODE_M else "LG"
     if row.strip.terrain == "ramp":
-        mode = "RA" if slope > 0 else "RD"
+        mode = "RA" if (slope > 0) == (row.s >= before.s) else "RD"
     # the whole sole lands up a riser, beside the other foot behind a riser, up a steep ramp, and of a shuffling foot
     steep = slope > STEEP_RAD + 0.05  # rad: 3° more than where steps become shorter
     flat = rise_before > _RISER_M or rise_of_foot != 0.0 or steep
     flat |= gait.shuffle > _FLAT_SHUFFLE and rise_before >= -_RISER_M
     flat |= row.hold.manner == "place"
+    arrival = "flat" if flat else "forefoot" if rise_before < -_RISER_M else "heel"
+    departure = "climb" if rise_after > _RISER_M else "lower" if rise_after < -_RISER_M else "push"
+    if row.hold.manner == "back":
+        arrival = "toe"
+    if after is not row and after.hold.manner == "back":
+        departure = "back"
     side = 1.0 if row.foot == "l" else -1.0
     error = np.clip(rng.normal(0.0, _SIDE_SD_M * gait.step_sd), -_MAX_SIDE_M, _MAX_SIDE_M)
     left = side * (HALF_STEP_WIDTH_M + widening(way, before.s, row.s)) + float(error) + row.hold.left_m
@@ -442,8 +448,8 @@ def _footstep(
         fall=row.z - ahead.z,
         terrain=row.strip.terrain,
         mode=mode,
-        arrival="flat" if flat else "forefoot" if rise_before < -_RISER_M else "heel",
-        departure="climb" if rise_after > _RISER_M else "lower" if rise_after < -_RISER_M else "push",
+        arrival=arrival,
+        departure=departure,
         t_touch=row.t_touch,
         t_off=t_off,
         style=row.style,
@@ -457,6 +463,8 @@ def _riser_height(a: Strip, b: Strip) -> float:
 
     It is 0 within one strip; `z0` and `z1` are the heights at the beginning and the end of a strip.
     """
+    if b.s0 < a.s0:  # backwards
+        return b.z1 - a.z0
     return 0.0 if a is b else b.z0 - a.z1
 
 

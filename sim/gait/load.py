@@ -34,6 +34,10 @@ _FOREFOOT_KNOTS: _Knots = (
     (0.86, 1.06),
     (1.0, 1.08),
 )
+# Backwards: how it begins after a landing on the toes, how it ends on the heel, and before walking on forwards.
+_TOE_KNOTS: _Knots = ((0.0, 1.20), (0.15, 1.10), (0.40, 0.65))
+_BACK_KNOTS: _Knots = ((0.72, 0.10), (1.0, -0.20))
+_ON_KNOTS: _Knots = ((0.65, 0.80), (0.86, 1.08), (1.0, 1.08))
 _STANDING_X = 0.50  # share of the toe hinge's x, in quiet stance
 _BALL_MARGIN = 0.03  # likewise, from the border of the area in contact
 _HEEL_MARGIN_M = 0.003  # from the heel's edge
@@ -133,6 +137,9 @@ def cop_travel(steps: Sequence[Footstep], t: Array, standing: Array) -> Array:
         knots = np.array(_FOREFOOT_KNOTS if step.arrival == "forefoot" else _FLAT_KNOTS)
         if step.arrival == "heel":
             knots = np.column_stack([TRAVEL_KNOTS, step.style.travel])
+        if step.arrival == "toe" or step.departure == "back":
+            begin = _TOE_KNOTS if step.arrival == "toe" else _FLAT_KNOTS[:2]
+            knots = np.array(begin + (_BACK_KNOTS if step.departure == "back" else _ON_KNOTS))
         if np.isfinite(step.t_touch) and np.isfinite(step.t_off):
             touch, off = np.interp([step.t_touch, step.t_off], t, walking)
             u = np.clip((walking[on] - touch) / (off - touch), 0.0, 1.0)  # share of stance
@@ -214,8 +221,10 @@ def _limit_to_contact(x: Array, t: Array, step: Footstep, pitch: Array, shoe: Sh
         x = tilted + (x - tilted) * ease((t - flat_from) / _PASSING_S)
     if flat[-1] < stance[-1]:  # the heel rises before toe-off
         flat_until = _flat_time(t, tilt, flat[-1] + 1, flat[-1])
-        on_ball = np.maximum(x, 1.0 + _BALL_MARGIN)
-        x = x + (on_ball - x) * ease((t - flat_until) / _PASSING_S + 1.0)
+        last = np.maximum(x, 1.0 + _BALL_MARGIN)  # on the ball, or at the heel's edge
+        if step.departure == "back":
+            last = np.full_like(x, (shoe.heel_back_x + _HEEL_MARGIN_M) / shoe.toe_hinge_x)
+        x = x + (last - x) * ease((t - flat_until) / _PASSING_S + 1.0)
     return x
 
 

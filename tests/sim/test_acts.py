@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from benchmarks import gait
-from stridetwin.sim.acts import SideStep, StepAside
-from stridetwin.sim.config import Gait, Level, Route, Stairs, Stop, TwinConfig
+from stridetwin.sim.acts import Backwards, SideStep, StepAside
+from stridetwin.sim.config import Gait, Level, Route, Stairs, Stop, Turn, TwinConfig
 from stridetwin.sim.gait.footsteps import Footstep
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import ConfigError
@@ -20,6 +20,24 @@ WALKS: dict[str, TwinConfig] = {
     "side steps": replace(
         LEVEL,
         gait=Gait(acts=(SideStep(at_m=1.8, left_m=0.5, for_s=0.6), StepAside(at_m=4.0, left_m=-0.4, for_s=1.0))),
+    ),
+    "backwards": replace(
+        LEVEL,
+        route=Route(segments=(Level(length_m=5.0),)),
+        gait=Gait(acts=(Backwards(at_m=2.5, for_m=1.6, for_s=1.0),)),
+    ),
+    "backwards over edges": replace(
+        LEVEL,
+        route=Route(
+            segments=(
+                Level(length_m=2.5),
+                Stairs(risers=2, riser_m=0.16),
+                Level(length_m=3.5),
+                Stairs(risers=1, riser_m=0.15, down=True),
+                Level(length_m=3.0),
+            )
+        ),
+        gait=Gait(acts=(Backwards(at_m=3.4, for_m=1.6), Backwards(at_m=7.0, for_m=1.0))),
     ),
 }
 
@@ -96,6 +114,29 @@ def test_who_steps_aside_comes_back(twins: dict[str, Twin]) -> None:
         assert apart > 0.08
 
 
+def test_backwards_as_far_as_asked_and_forwards_again(twins: dict[str, Twin]) -> None:
+    steps = in_order(twins["backwards"])
+    s = np.array([step.s for step in steps])
+    turn, back = int(np.argmax(np.diff(s) < 0.0)), np.diff(s) < -1e-9
+    assert s[turn] - s.min(where=np.arange(len(s)) > turn, initial=np.inf) == pytest.approx(1.6, abs=0.02)
+    assert np.all(np.abs(np.diff(s)[back]) < 0.45)
+    # toes touch down first, and the heel leaves last
+    walk = twins["backwards"].walk
+    touching = [walk.pitch(step.foot, np.array([step.t_touch]))[0] for step in steps if step.arrival == "toe"]
+    leaving = [walk.pitch(step.foot, np.array([step.t_off]))[0] for step in steps if step.departure == "back"]
+    assert len(touching) == len(leaving) == back.sum() + 1
+    assert min(touching) > 0.15
+    assert max(leaving) < -0.08
+    assert s[-1] == pytest.approx(5.0, abs=0.01)
+
+
+def test_backwards_over_edges_is_labelled_by_the_direction_of_the_riser(twins: dict[str, Twin]) -> None:
+    modes = [step.mode for step in in_order(twins["backwards over edges"])]
+    over = [mode for mode in modes if mode != "LG"]
+    # up two risers, back down two, up again; down the kerb, back up, down again
+    assert over == ["SA", "SA", "SD", "SD", "SA", "SA", "SD", "SA", "SD"]
+
+
 def test_walk_without_acts_is_that_of_before() -> None:
     assert Gait().acts == ()
     steps = in_order(Twin(replace(LEVEL, route=Route(segments=(Level(length_m=2.0),))), 1))
@@ -127,12 +168,20 @@ def test_simulated_walker_steps_aside() -> None:
             Gait(acts=(SideStep(at_m=3.0, left_m=0.3),), stops=(Stop(at_m=3.1, for_s=1.0),)),
             r"acts.at_m: invalid 3.1.*at least 1 m after",
         ),
+        (Gait(acts=(Backwards(at_m=2.0, for_m=4.0),)), r"acts.for_m: invalid 4.*at most .* back to the start"),
         (Gait(acts=(SideStep(at_m=3.0, left_m=0.3),), pattern="run"), r"acts.kind: invalid 'side_step'.*in a run"),
     ],
 )
 def test_impossible_acts_are_refused(walk: Gait, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         Twin(replace(LEVEL, gait=walk), 0)
+
+
+def test_backwards_round_a_bend_is_refused() -> None:
+    route = Route(segments=(Level(length_m=2.5), Turn(angle_rad=1.0, radius_m=2.0), Level(length_m=2.0)))
+    acts = (Backwards(at_m=5.0, for_m=2.0),)
+    with pytest.raises(ConfigError, match=r"acts.for_m: invalid 2.0.*straight"):
+        Twin(replace(LEVEL, route=route, gait=Gait(acts=acts)), 0)
 
 
 def test_side_steps_on_a_tread_are_refused() -> None:
