@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from pydantic import Field
+from pydantic import Field, StrictBool
 
-from stridetwin.streams.fields import Number
+from stridetwin.streams.fields import DEGREES, Number, OneOf
 
 MAX_ASIDE_M = 1.5
 """Greatest distance of side steps, m."""
 MIN_ASIDE_M = 0.05
 """Least distance of them, m."""
+USUAL_LOOK_RAD = math.radians(75.0)
+"""How far the head turns over the shoulder."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,12 +28,20 @@ class Act:
 
     kind: ClassVar[str] = ""
     """Its name in scenario files."""
-    stands: ClassVar[bool] = True
-    """Whether the walker stops for it."""
     level_alone: ClassVar[bool] = True
     """Whether it needs level ground."""
 
     at_m: Annotated[Number, Field(ge=0, le=2000)]
+
+    @property
+    def stands(self) -> bool:
+        """Whether the walker stops for it."""
+        return True
+
+    @property
+    def shortens(self) -> bool:
+        """Whether the steps around its foothold are shorter."""
+        return self.stands
 
     @property
     def leading_foot(self) -> str | None:
@@ -91,5 +102,75 @@ class Backwards(Act):
     for_s: Annotated[Number, Field(ge=0, le=60)] = 0.0
 
 
-ACTS: dict[str, type[Act]] = {act.kind: act for act in (SideStep, StepAside, Backwards)}
+@dataclass(frozen=True, kw_only=True)
+class ShuffleInPlace(Act):
+    """Small steps of both feet on the spot.
+
+    Attributes:
+        at_m: Along the way; it begins at about the first foothold from there on.
+        for_s: How long.
+    """
+
+    kind: ClassVar[str] = "shuffle_in_place"
+
+    for_s: Annotated[Number, Field(ge=1, le=60)] = 3.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hesitate(Act):
+    """A step that hesitates before it lands, while the walker walks on.
+
+    Attributes:
+        at_m: Along the way; the step to the first foothold from there on.
+        how: `slow`, a slower swing; `hover`, the foot stays in the air; `retrace`, it goes back a part of its way
+            before it goes on; or `half_steps`, four steps of half the length.
+        for_s: By how much longer the swing is; for half steps without effect.
+    """
+
+    kind: ClassVar[str] = "hesitate"
+    level_alone: ClassVar[bool] = False
+
+    how: Annotated[str, OneOf(("slow", "hover", "retrace", "half_steps"))] = "hover"
+    for_s: Annotated[Number, Field(ge=0.2, le=1.5)] = 0.6
+
+    @property
+    def stands(self) -> bool:
+        """The walker walks on."""
+        return False
+
+    @property
+    def shortens(self) -> bool:
+        """Whether the steps around its foothold are shorter."""
+        return self.how != "half_steps"
+
+
+@dataclass(frozen=True, kw_only=True)
+class LookBack(Act):
+    """A look over the shoulder, with head and chest.
+
+    Attributes:
+        at_m: Along the way; it begins when a foot touches down at the first foothold from there on.
+        to: The shoulder.
+        head_rad: How far the head turns.
+        for_s: How long the walker looks there.
+        standing: Whether the walker stands meanwhile.
+    """
+
+    kind: ClassVar[str] = "look_back"
+    level_alone: ClassVar[bool] = False
+
+    to: Annotated[str, OneOf(("left", "right"))] = "left"
+    head_rad: Annotated[Number, Field(ge=20, le=85, alias="head_deg"), DEGREES] = USUAL_LOOK_RAD
+    for_s: Annotated[Number, Field(ge=0, le=30)] = 1.0
+    standing: StrictBool = False
+
+    @property
+    def stands(self) -> bool:
+        """Whether the walker stops for it."""
+        return self.standing
+
+
+ACTS: dict[str, type[Act]] = {
+    act.kind: act for act in (SideStep, StepAside, Backwards, ShuffleInPlace, Hesitate, LookBack)
+}
 """Every kind of act by its name in scenario files."""

@@ -12,17 +12,20 @@ from itertools import pairwise
 
 import numpy as np
 
-from stridetwin.sim.acts import Backwards, SideStep
+from stridetwin.sim.acts import Act, Backwards, Hesitate, LookBack, ShuffleInPlace, SideStep
 from stridetwin.sim.config import Gait
 from stridetwin.sim.gait.backwards import place_backward_steps, stand_before
 from stridetwin.sim.gait.foot_placement import Foothold
+from stridetwin.sim.gait.hesitation import take_half_steps
+from stridetwin.sim.gait.look_back import looking_time
+from stridetwin.sim.gait.shuffling import place_shuffling_steps
 from stridetwin.sim.gait.side_steps import Aside, place_side_steps
 from stridetwin.sim.gait.style import Style, level_style
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.way import Way
 
 MIN_APART_M = 1.0
-"""Least distance between two acts for which the walker stops, or between one and a stop, m."""
+"""Least distance between two acts for which the walker slows down, or between one and a stop, m."""
 
 # Steps that do not lead on are short and slow. They are made on flat feet (chosen by hand).
 _SUPPORT = 0.32  # share of such a step with both feet on the ground
@@ -37,9 +40,10 @@ def check_acts(gait: Gait) -> None:
     Raises:
         ConfigError: The message names field, value and what is valid.
     """
-    standing = [act for act in gait.acts if act.stands]
-    if standing and gait.pattern == "run":
-        raise ConfigError("gait", "acts.kind", standing[0].kind, "none in a run for which the walker stops")
+    standing = [act for act in gait.acts if act.shortens]
+    walked = [act for act in gait.acts if act.stands or not isinstance(act, LookBack)]
+    if walked and gait.pattern == "run":
+        raise ConfigError("gait", "acts.kind", walked[0].kind, "look_back alone in a run, and not standing")
     places = sorted([act.at_m for act in standing] + ([stop.at_m for stop in gait.stops] if standing else []))
     for before, after in pairwise(places):
         if after - before < MIN_APART_M:
@@ -47,17 +51,23 @@ def check_acts(gait: Gait) -> None:
             raise ConfigError("gait", "acts.at_m", after, valid)
 
 
-def perform_acts(holds: Sequence[Foothold], way: Way, half_width_m: float) -> list[Foothold]:
+def perform_acts(
+    holds: Sequence[Foothold], gait: Gait, way: Way, half_width_m: float, rng: np.random.Generator
+) -> list[Foothold]:
     """Footholds with the steps of all acts, and beside the middle of the way where the walker has stepped aside.
 
     Args:
-        holds: Footholds in order; those where an act begins name it.
+        holds: Footholds in order; those where the walker stops for an act name it.
+        gait: Gait of the person.
         way: The way.
         half_width_m: Half of the width of the way, m.
+        rng: Draws the steps of a shuffle in place.
 
     Raises:
         ConfigError: An act that leaves the way, or for which it is too short or not straight.
     """
+    for act in sorted((act for act in gait.acts if not act.shortens), key=lambda act: act.at_m):
+        holds = take_half_steps(holds, act) if isinstance(act, Hesitate) else _look_back(holds, act)
     performed: list[Foothold] = []
     aside = Aside()
     for i, hold in enumerate(holds):
@@ -71,10 +81,26 @@ def perform_acts(holds: Sequence[Foothold], way: Way, half_width_m: float) -> li
         elif isinstance(act, Backwards):
             performed[-1] = stand_before(performed[-1])
             performed += place_backward_steps(act, holds[: i + 1], aside.left_m, way)
+        elif isinstance(act, ShuffleInPlace):
+            performed += place_shuffling_steps(act, performed[-1], rng)
+        elif isinstance(act, LookBack) and act.standing:
+            performed[-1] = replace(performed[-1], pause_s=hold.pause_s + looking_time(act))
     return performed
 
 
-def act_style(hold: Foothold) -> Style:
+def _look_back(holds: Sequence[Foothold], act: Act) -> list[Foothold]:
+    """The footholds with a look back at the first one from its place on.
+
+    Raises:
+        ConfigError: There is no such foothold.
+    """
+    i = next((i for i, hold in enumerate(holds) if hold.s >= act.at_m and hold.act is None), None)
+    if i is None:
+        raise ConfigError("gait", "acts.at_m", act.at_m, "a place with a step behind it")
+    return [*holds[:i], replace(holds[i], act=act), *holds[i + 1 :]]
+
+
+def act_style() -> Style:
     """Style of a step of an act."""
     style = level_style(0.0)  # that of the slowest walk of the table
     return replace(

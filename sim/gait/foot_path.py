@@ -106,6 +106,7 @@ _RUN_DROP_MPS = 0.8  # at which the foot of a runner comes down
 _SLOPE_WITHOUT_SPEED_RAD = 0.12  # downhill slope from which the heel is only set down
 _LAG_OVER = 0.85  # share of swing before touch-down in which the foot lags
 _MAX_BUMP_M = 0.4  # higher, an edge lies too near a footprint for a bump, which rises slowly
+_LEVEL_M = 0.05  # lower differences of height are no edges for a foot that goes back in the air
 _NEAR_EDGE_M = 0.004  # margin before and behind a riser
 _NEAR_EDGE_DOWN_M = 0.012  # likewise, going down
 
@@ -258,11 +259,15 @@ def _swing_poses(
     """
     if len(t) == 0:  # a swing between two instants
         return np.empty((0, 3)), np.empty((0, 3, 3)), np.empty(0)
-    s = (t - a.t_off) / (b.t_touch - a.t_off)  # (N,) shares of swing
+    share = (t - a.t_off) / (b.t_touch - a.t_off)  # (N,) shares of swing
+    s, at = share, _FINE  # shares of the usual swing; (61,) shares of swing at which those of the usual one are `_FINE`
+    if b.hesitation is not None:
+        s = b.hesitation.usual_share(share, b.t_touch - a.t_off)
+        at = b.hesitation.share_at(_FINE, b.t_touch - a.t_off)
     toes = _toe_ends(a, b, pitch)  # values and slopes of the toe extension at both ends
     R, toe = _swing_attitude(a, b, s, theta), quintic(s, *toes)
     # attitude of the foot and points of its sole at the shares `_FINE` of swing
-    fine_R = _swing_attitude(a, b, _FINE, pitch(a.t_off + _FINE * (b.t_touch - a.t_off)))
+    fine_R = _swing_attitude(a, b, _FINE, pitch(a.t_off + at * (b.t_touch - a.t_off)))
     sole = _sole_points(size.shoe, fine_R, quintic(_FINE, *toes))
     # (2,) m, margin before and behind a riser, along the way
     near = (_NEAR_EDGE_DOWN_M if a.departure == "lower" else _NEAR_EDGE_M) * np.array(
@@ -291,6 +296,10 @@ def _swing_poses(
                 best, forward, lift = jerk, window, height_spline(s) - rise * soft_ease(s)
     p = _swing_positions(a, b, size, s, R, forward)
     p[:, 2] += lift
+    # a foot over an edge only hovers: on its way back it would meet the riser
+    if b.hesitation is not None and abs(b.rise) < _LEVEL_M and abs(a.fall) < _LEVEL_M:
+        way = b.p_foot_in_world[:2] - a.p_foot_in_world[:2]
+        p[:, :2] -= b.hesitation.returned(share, b.t_touch - a.t_off)[:, None] * way
     return p, R, toe
 
 
@@ -309,7 +318,7 @@ def _toe_ends(a: Footstep, b: Footstep, pitch: Callable[[Array], Array]) -> tupl
     ends = np.array([a.t_off, b.t_touch])
     # pitch at both ends, shortly after them and shortly before them; columns: toe-off, touch-down
     (toe_a, toe_b), after, before = pitch(np.concatenate([ends, ends + h, ends - h])).reshape(3, 2)
-    rate_a, rate_b = (after - before) / (2 * h) * (b.t_touch - a.t_off)  # per second, then per share of swing
+    rate_a, rate_b = (after - before) / (2 * h) * _usual_swing_s(a, b)  # per second, then per share of swing
     if a.departure == "back":  # the heel is the last on the ground, with straight toes
         toe_a = rate_a = 0.0
     return float(toe_a), float(rate_a), max(float(toe_b), 0.0), float(rate_b) if b.arrival != "heel" else 0.0
@@ -355,7 +364,9 @@ def _swing_positions(a: Footstep, b: Footstep, size: Wearer, s: Array, R: Array,
             swing_s = b.t_touch - a.t_off
             drop = _lag(1.0 - s, RUN_LANDING_S / swing_s, b.swing.landing, 0.0) * (1.0 - ease((1.0 - s) / _LAG_OVER))
             point[:, 2] += _RUN_DROP_MPS * swing_s * drop
-    point = point - landing_lag(a, b, size.shoe, a.t_off + s * (b.t_touch - a.t_off))
+    # instants of these shares in a swing that ends then, but does not hesitate
+    begin = a.t_off if b.hesitation is None else b.t_touch - _usual_swing_s(a, b)
+    point = point - landing_lag(a, b, size.shoe, begin + s * (b.t_touch - begin))
     return point - np.einsum("nij,nj->ni", R, pivot_in_foot)
 
 
@@ -375,13 +386,21 @@ def landing_lag(a: Footstep, b: Footstep, shoe: Shoe, t: Array) -> Array:
         return np.zeros((len(t), 3))
     steep = max(-b.slope, 0.0) / _SLOPE_WITHOUT_SPEED_RAD  # the knee is nearly straight: it cannot take up a blow
     faster = b.swing.landing * max(1.0 - steep, 0.0)
-    swing_s = b.t_touch - a.t_off
+    swing_s = _usual_swing_s(a, b)
     left = np.maximum(b.t_touch + STOPPING_S * min(faster, 1.0) - t, 0.0) / swing_s
     lag = _lag(left, STOPPING_S / swing_s, faster * _LANDING_SPEED, _LANDING_BRAKE)
     lag *= 1.0 - ease((b.t_touch - t) / swing_s / _LAG_OVER)
     heel, hinge = _pivots(shoe)
     way = b.p_foot_in_world + b.R_world_sole @ heel - a.p_foot_in_world - a.R_world_sole @ hinge
     return lag[:, None] * way
+
+
+def _usual_swing_s(a: Footstep, b: Footstep) -> float:
+    """Duration of the swing from `a` to `b`, s, without the time for which it hovers."""
+    swing_s = b.t_touch - a.t_off
+    if b.hesitation is None or b.hesitation.how == "slow":
+        return swing_s
+    return swing_s - b.hesitation.for_s
 
 
 def _run_forward(s: Array, swing_s: float, speed: float, stopping_s: float) -> Array:

@@ -167,6 +167,8 @@ def plan_pitch(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Arr
             swing_knots = _BACK_OVER_EDGE
         if a.departure == "push" and b.arrival == "flat":  # toes that swing up would have to go down again at once
             swing_knots, landing_knots = tuple((u, max(angle, landing.touch)) for u, angle in swing_knots), ()
+        if b.hesitation is not None:
+            swing_knots, landing_knots = _delay(swing_knots, b, swing), _delay(landing_knots, b, swing)
         knots += [(a.t_off + u * swing, angle + tiptoe) for u, angle in swing_knots]
         knots += [(a.t_off + u * swing, angle + slope_pitch + tiptoe) for u, angle in landing_knots]
         # the sole comes down from the pitch of the landing until it lies flat
@@ -192,6 +194,14 @@ def plan_pitch(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Arr
         return spline(t) * (1.0 - lying)  # fades out the pitch that smoothing leaves on a flat foot
 
     return pitch
+
+
+def _delay(knots: tuple[tuple[float, float], ...], step: Footstep, swing_s: float) -> tuple[tuple[float, float], ...]:
+    """Knots (share of swing, pitch) of the swing to `step`, which takes `swing_s` seconds as it hesitates."""
+    if step.hesitation is None:
+        return knots
+    later = step.hesitation.share_at(np.array([u for u, _ in knots]), swing_s)
+    return tuple((u, angle) for u, (_, angle) in zip(later.tolist(), knots))
 
 
 def step_time(a: Footstep, b: Footstep) -> float:

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from stridetwin.sim.acts import Act
+from stridetwin.sim.acts import Act, Hesitate
 from stridetwin.sim.config import Gait, Stop
 from stridetwin.sim.gait.running import run_step_s
 from stridetwin.sim.gait.style import leg_length, pace, shuffle_step_share, walk_growth
@@ -202,6 +202,7 @@ _MAX_LENGTH_ERROR = 0.06  # share of a step length, limit of its variability
 _SHORT_STOP_MPS = 1.2  # faster walkers stop with a shorter last step
 _STROLL_STEPS = 9  # on average between two pauses
 _PAUSE_RANGE_S = (0.6, 2.5)  # shortest and longest pause
+_HESITATING_STEP = 0.6  # of a step: who hesitates is slower before it, too
 _STEP_INTO_PAUSE = 0.35  # of a step: the feet end nearly side by side
 
 
@@ -258,8 +259,8 @@ def plan_footholds(layout: Layout, size: Wearer, gait: Gait, tempo: Tempo, rng: 
             if entry.at_m >= end:
                 raise ConfigError("gait", f"{name}.at_m", entry.at_m, f"less than {end:.2f} m, the length of the way")
     holds: list[Foothold] = []
-    standing = [act for act in gait.acts if act.stands]
-    stops: list[Stop | Act] = sorted([*gait.stops, *standing], key=lambda stop: stop.at_m)  # those still ahead
+    shorter = [act for act in gait.acts if act.shortens]
+    stops: list[Stop | Act] = sorted([*gait.stops, *shorter], key=lambda stop: stop.at_m)  # those still ahead
     skipped = [False] * len(layout.profile)  # whether no foot is placed on a strip
     if gait.stairs == "two_at_a_time":
         skipped = _find_skipped_strips(layout.profile, size)
@@ -397,6 +398,10 @@ def _plan_on_strip(
         else:
             i = _foothold_of_act(stop, strip, feet, i)
             acts[i] = stop
+        if isinstance(stop, Hesitate):
+            if strip.terrain != "stair" and count > 2:
+                weights[max(i - 1, 0) : i + 1] *= _HESITATING_STEP
+            continue
         if strip.terrain != "stair" and count > 2:
             weights[i : i + 2] *= _STEP_INTO_PAUSE, _FIRST_STEP
     places = _share_out(weights, paces, along)
@@ -423,6 +428,8 @@ def _foothold_of_act(act: Act, strip: Strip, feet: Sequence[str], i: int) -> int
     Raises:
         ConfigError: The act does not fit the strip.
     """
+    if isinstance(act, Hesitate):
+        return i
     if act.level_alone and strip.terrain != "level":
         raise ConfigError("gait", "acts.at_m", act.at_m, f"a place on level ground for {act.kind}")
     if feet[i] == act.leading_foot:
@@ -439,12 +446,18 @@ def _place_beside(feet: Sequence[str], s: float, strip: Strip, stops: Sequence[S
     Raises:
         ConfigError: The walker cannot do an act there.
     """
+    last: Act | None = None  # of the last foot
     for act in stops:
-        if isinstance(act, Act):
+        if isinstance(act, Hesitate):
+            last = act
+        elif isinstance(act, Act):
             valid = f"a place with two steps before and after it on the same {strip.terrain} for {act.kind}"
             raise ConfigError("gait", "acts.at_m", act.at_m, valid)
     pauses = [0.0] * (len(feet) - 1) + [sum(stop.for_s for stop in stops if isinstance(stop, Stop))]
-    return [Foothold(foot=foot, s=s, strip=strip, pause_s=pause) for foot, pause in zip(feet, pauses)]
+    acts = [None] * (len(feet) - 1) + [last]
+    return [
+        Foothold(foot=foot, s=s, strip=strip, pause_s=pause, act=act) for foot, pause, act in zip(feet, pauses, acts)
+    ]
 
 
 def _share_out(weights: Array, paces: Array, along: Array) -> Array:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
+from stridetwin.sim.acts import Hesitate, LookBack
 from stridetwin.sim.config import GAZES, MAX_ASYMMETRY, PATTERNS, SPEED_RANGE_MPS, STAIRS, SWAY_RANGE_HZ, Gait
 from stridetwin.sim.gait.act_steps import act_style, check_acts, perform_acts
 from stridetwin.sim.gait.foot_placement import (
@@ -23,6 +24,7 @@ from stridetwin.sim.gait.foot_placement import (
     turn_share,
     widening,
 )
+from stridetwin.sim.gait.hesitation import Hesitation, lengthen_swing
 from stridetwin.sim.gait.running import run_style, running_steps
 from stridetwin.sim.gait.style import Style, apply_shuffle, level_style, pace, prolong, style_at
 from stridetwin.sim.kinematics.smooth import smooth_gaussian
@@ -142,7 +144,10 @@ def plan_timing(
     styles = [apply_shuffle(style, gait.shuffle) for style in _step_styles(holds, rises, without_limp, size, gait)]
     for i, hold in enumerate(holds):
         if hold.manner != "walk":
-            without_limp[i], styles[i] = hold.time_s, act_style(hold)
+            without_limp[i], styles[i] = hold.time_s, act_style()
+        elif isinstance(hold.act, Hesitate) and hold.act.how != "half_steps":
+            longer = 1.0 + hold.act.for_s / float(without_limp[i])
+            without_limp[i], styles[i] = longer * without_limp[i], lengthen_swing(styles[i], longer)
     durations = without_limp * [limp_factor(gait, hold.foot) for hold in holds]
     # a pause at a foothold delays the next step, and both feet stay on the ground for longer
     pauses = np.array([0.0, *(hold.pause_s for hold in holds[:-1])])
@@ -279,6 +284,8 @@ class Footstep(Stance):
         clearance_m: Clearance of the sole above the ground on the way here, m.
         pause_s: Time for which the walker stands still on both feet after this touch-down, s.
         swing: How the swing to here differs from that of the style.
+        hesitation: How the swing to here hesitates; None if it does not.
+        look_back: Look over the shoulder that begins at this touch-down; None for none.
     """
 
     s: float
@@ -292,6 +299,8 @@ class Footstep(Stance):
     clearance_m: float = CLEARANCE_M
     pause_s: float = 0.0
     swing: SwingVariation = SwingVariation()
+    hesitation: Hesitation | None = None
+    look_back: LookBack | None = None
 
     @property
     def is_run(self) -> bool:
@@ -327,7 +336,7 @@ def plan_footsteps(
     tempo = Tempo.along(layout, size, gait, rng)
     holds = plan_footholds(layout, size, gait, tempo, rng)
     if gait.acts:
-        holds = perform_acts(holds, layout.way, half_width_m)
+        holds = perform_acts(holds, gait, layout.way, half_width_m, rng.spawn(1)[0])
     durations, styles = plan_timing(layout.way, holds, size, gait, tempo, rng)
     touch = gait.stand_s + _LEAD_S + np.cumsum(durations)
     # toe-off of the foot that makes each step: its swing is the share 1 − double_support before the touch-down
@@ -409,7 +418,8 @@ def _footstep(
         rng: Draws the lateral error.
         gait: Gait of the person.
     """
-    slope, heading = row.strip.slope, float(way.heading(row.s))
+    slope, yaw = row.strip.slope, row.hold.yaw_rad
+    heading = float(way.heading(row.s))
     # risers, m up, on the step to here and on the foot's next step
     rise_before, rise_after = _riser_height(before.strip, row.strip), _riser_height(row.strip, after.strip)
     # riser since this foot's previous footprint, if the foot is placed beside the other one; otherwise 0
@@ -433,16 +443,18 @@ def _footstep(
         departure = "back"
     side = 1.0 if row.foot == "l" else -1.0
     error = np.clip(rng.normal(0.0, _SIDE_SD_M * gait.step_sd), -_MAX_SIDE_M, _MAX_SIDE_M)
-    left = side * (HALF_STEP_WIDTH_M + widening(way, before.s, row.s)) + float(error) + row.hold.left_m
+    away = side * (HALF_STEP_WIDTH_M + widening(way, before.s, row.s)) + float(error)  # from between the feet
+    left = math.cos(yaw) * away + row.hold.left_m
+    s = row.s - math.sin(yaw) * away
     # the ground rises by tan(cross slope) per horizontal metre to the left, also where it is inclined along the way
     tilt = math.atan(math.tan(row.strip.cross_slope) * math.cos(slope))
     R_world_ground = rot_z(np.array(heading)) @ rot_y(np.array(-slope)) @ rot_x(np.array(tilt))
     return Footstep(
         foot=row.foot,
-        p_foot_in_world=np.array([*way.point(row.s, left), row.strip.height(row.s, left)]),
-        R_world_sole=R_world_ground @ rot_z(np.array(side * TOE_OUT_RAD)),
+        p_foot_in_world=np.array([*way.point(s, left), row.strip.height(s, left)]),
+        R_world_sole=R_world_ground @ rot_z(np.array(side * TOE_OUT_RAD + yaw)),
         s=row.s,
-        heading=heading,
+        heading=heading + yaw,
         slope=slope,
         rise=row.z - before.z,
         fall=row.z - ahead.z,
@@ -455,7 +467,17 @@ def _footstep(
         style=row.style,
         clearance_m=CLEARANCE_M + gait.shuffle * (_SLIDING_CLEARANCE_M - CLEARANCE_M),
         pause_s=row.hold.pause_s,
+        hesitation=_hesitation(row.hold),
+        look_back=row.hold.act if isinstance(row.hold.act, LookBack) else None,
     )
+
+
+def _hesitation(hold: Foothold) -> Hesitation | None:
+    """How the swing to a foothold hesitates; None if it does not."""
+    act = hold.act
+    if not isinstance(act, Hesitate) or act.how == "half_steps":
+        return None
+    return Hesitation(how=act.how, for_s=act.for_s)
 
 
 def _riser_height(a: Strip, b: Strip) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,7 +103,8 @@ def add_quiet_stance(shares: dict[str, Array], steps: Mapping[str, Sequence[Foot
 def standing_time(steps: Mapping[str, Sequence[Footstep]], t: Array) -> Array:
     """(N,) s for which the walker has stood still in pauses by each of (N,) uniform s; it does not decrease.
 
-    It counts between two shifts of the load: to both feet after a touch-down, and from both before the next toe-off.
+    It counts between two shifts of the load: to both feet after a touch-down, and from both before the next toe-off;
+    and on one foot while the other one hesitates.
 
     Args:
         steps: Footsteps by foot.
@@ -116,6 +118,10 @@ def standing_time(steps: Mapping[str, Sequence[Footstep]], t: Array) -> Array:
             if _is_pause(step, step.t_touch, end):
                 begin = step.t_touch + _SHIFT_S
                 standing += np.clip(t, begin, end - _SHIFT_S) - begin
+        for before, step in pairwise(foot_steps):
+            if step.hesitation is not None:  # the body waits over the other foot
+                share = (t - before.t_off) / (step.t_touch - before.t_off)
+                standing += step.hesitation.for_s * step.hesitation.lost_share(share, step.t_touch - before.t_off)
     return np.asarray(gaussian_filter1d(standing, _STANDING_FADE_S / (t[1] - t[0]), mode="nearest"))
 
 

@@ -7,7 +7,7 @@ movements the head sways with the stride alone (`body_sway`), and pitches agains
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from stridetwin.sim.config import Gaze
 from stridetwin.sim.gait.body_sway import Sway
 from stridetwin.sim.gait.foot_path import FootPath
 from stridetwin.sim.gait.footsteps import Rhythm
+from stridetwin.sim.gait.look_back import turn_back
 from stridetwin.sim.kinematics.smooth import ease, smooth_gaussian
 from stridetwin.streams.algebra.arrays import from_euler
 from stridetwin.streams.samples import Array
@@ -211,6 +212,11 @@ def plan_posture(
     pitch = rhythm.blend_style(t, "tilt", _STANDING_TILT_RAD) + _TILT_BY_EFFORT * effort
     pitch += _TILT_BACK_BY_DESCENT * np.minimum(climb, 0.0) + swaying["pelvis_pitch"]
     eyes = plan_gaze(gaze, t, s, climb, profile, leg_m, rng)
+    if looks := [(step.t_touch, step.look_back) for step in rhythm.steps if step.look_back is not None]:
+        yaw, chest_yaw, looking = turn_back(looks, t)
+        eyes = replace(
+            eyes, head_yaw=(1.0 - looking) * eyes.head_yaw + yaw, chest_yaw=(1.0 - looking) * eyes.chest_yaw + chest_yaw
+        )
     torso_pitch = _TORSO_LEAN_RAD + _LEAN_BY_EFFORT * effort + eyes.chest_pitch + swaying["chest_pitch"]
     # rad, by which trunk and head turn ahead of the pelvis' heading
     trunk = _advance_in_time(heading, _TRUNK_LEADS_S, dt) - heading

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks import gait
-from stridetwin.sim.acts import Backwards, SideStep, StepAside
+from stridetwin.sim.acts import Backwards, Hesitate, LookBack, ShuffleInPlace, SideStep, StepAside
 from stridetwin.sim.config import Gait, Level, Route, Stairs, Stop, Turn, TwinConfig
 from stridetwin.sim.gait.footsteps import Footstep
 from stridetwin.sim.twin import Twin
@@ -38,6 +38,29 @@ WALKS: dict[str, TwinConfig] = {
             )
         ),
         gait=Gait(acts=(Backwards(at_m=3.4, for_m=1.6), Backwards(at_m=7.0, for_m=1.0))),
+    ),
+    "hesitation": replace(
+        LEVEL,
+        route=Route(segments=(Level(length_m=8.5), Stairs(risers=2, down=True), Level(length_m=2.5))),
+        gait=Gait(
+            acts=(
+                Hesitate(at_m=1.8, how="hover", for_s=0.7),
+                Hesitate(at_m=3.6, how="retrace", for_s=0.8),
+                Hesitate(at_m=5.2, how="slow", for_s=0.5),
+                Hesitate(at_m=6.5, how="half_steps"),
+                Hesitate(at_m=8.6, how="retrace", for_s=0.5),
+            )
+        ),
+    ),
+    "looks": replace(
+        LEVEL,
+        gait=Gait(
+            acts=(
+                LookBack(at_m=1.2, head_rad=np.radians(80.0)),
+                ShuffleInPlace(at_m=4.0, for_s=2.5),
+                LookBack(at_m=6.0, to="right", standing=True, head_rad=np.radians(85.0), for_s=1.2),
+            )
+        ),
     ),
 }
 
@@ -137,6 +160,60 @@ def test_backwards_over_edges_is_labelled_by_the_direction_of_the_riser(twins: d
     assert over == ["SA", "SA", "SD", "SD", "SA", "SA", "SD", "SA", "SD"]
 
 
+def foot_way(twin: Twin, before: Footstep, step: Footstep) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) s in a swing, and (N,) m that the foot has gone in it along a straight way."""
+    t = np.linspace(before.t_off, step.t_touch, 400)
+    x = np.interp(t, twin.reference.grid, twin.reference.paths[step.foot].p_foot_in_world[:, 0])
+    return t, x - x[0]
+
+
+def test_hesitating_feet_hover_or_go_back(twins: dict[str, Twin]) -> None:
+    twin = twins["hesitation"]
+    pairs = [(a, b) for steps in twin.reference.steps.values() for a, b in pairwise(steps)]
+    found = {b.hesitation.how + b.mode: foot_way(twin, a, b) for a, b in pairs if b.hesitation is not None}
+    assert set(found) == {"hoverLG", "retraceLG", "slowLG", "retraceSD"}
+    usual_s = np.median([b.t_touch - a.t_off for a, b in pairs if b.hesitation is None and b.s < 5.0])
+    for name, longer in (("hoverLG", 0.7), ("retraceLG", 0.8), ("slowLG", 0.5)):
+        t, _ = found[name]
+        assert t[-1] - t[0] == pytest.approx(usual_s + longer, abs=0.12)
+    t, x = found["hoverLG"]
+    assert np.sum(np.abs(np.gradient(x, t)) < 0.03) * (t[1] - t[0]) > 0.3
+    _, x = found["retraceLG"]
+    assert (np.maximum.accumulate(x) - x).max() > 0.1
+
+
+def test_half_steps_are_half_as_long(twins: dict[str, Twin]) -> None:
+    s = np.array([step.s for step in in_order(twins["hesitation"])])
+    lengths = np.diff(s)
+    assert np.sum((lengths > 0.22) & (lengths < 0.36) & (s[1:] > 6.0) & (s[1:] < 8.0)) == 4
+
+
+def test_head_turns_over_the_shoulder_and_back(twins: dict[str, Twin]) -> None:
+    twin = twins["looks"]
+    t = np.arange(0.0, twin.duration_s, 0.02)
+    q = np.degrees(twin.walk.splines(t))
+    yaw = sum(q[:, twin.walk.coordinates.names.index(name)] for name in ("lumbar_rotation", "neck_rotation"))
+    looks = [step for step in in_order(twin) if step.look_back is not None]
+    assert len(looks) == 2
+    assert yaw[t < looks[1].t_touch].max() == pytest.approx(80.0, abs=8.0)
+    assert yaw.min() == pytest.approx(-85.0, abs=8.0)
+    assert np.abs(yaw[-50:]).max() < 8.0
+    # neck and trunk stay within what people reach
+    for name, limit in (("neck_rotation", 70.0), ("lumbar_rotation", 34.0)):
+        assert np.abs(q[:, twin.walk.coordinates.names.index(name)]).max() < limit
+    # the first look is walked through, the second one is watched standing
+    assert looks[0].pause_s == 0.0
+    assert looks[1].pause_s > 2.0
+
+
+def test_shuffle_in_place_is_of_small_steps_on_the_spot(twins: dict[str, Twin]) -> None:
+    steps = in_order(twins["looks"])
+    shuffled = [step for step in steps if step.arrival == "flat"]
+    assert 4 <= len(shuffled) <= 6
+    assert np.ptp([step.s for step in shuffled]) < 0.08
+    assert shuffled[-1].t_touch - shuffled[0].t_touch == pytest.approx(2.0, abs=0.8)
+
+
 def test_walk_without_acts_is_that_of_before() -> None:
     assert Gait().acts == ()
     steps = in_order(Twin(replace(LEVEL, route=Route(segments=(Level(length_m=2.0),))), 1))
@@ -169,6 +246,8 @@ def test_simulated_walker_steps_aside() -> None:
             r"acts.at_m: invalid 3.1.*at least 1 m after",
         ),
         (Gait(acts=(Backwards(at_m=2.0, for_m=4.0),)), r"acts.for_m: invalid 4.*at most .* back to the start"),
+        (Gait(acts=(Hesitate(at_m=7.9, how="half_steps"),)), r"acts.at_m: invalid 7.9.*amid a level"),
+        (Gait(acts=(LookBack(at_m=3.0), LookBack(at_m=4.0))), r"acts.at_m: invalid 4.0.*look back before it is over"),
         (Gait(acts=(SideStep(at_m=3.0, left_m=0.3),), pattern="run"), r"acts.kind: invalid 'side_step'.*in a run"),
     ],
 )
