@@ -170,7 +170,33 @@ class LookBack(Act):
         return self.standing
 
 
+@dataclass(frozen=True, kw_only=True)
+class HoldRail(Act):
+    """A hand that slides along a rail, which is there for it.
+
+    Attributes:
+        at_m: Along the way; where the hand comes to the rail.
+        for_m: Length of the stretch along which the hand is on it.
+        side: Where the rail is.
+        away_m: Distance of the rail from the middle of the way.
+        height_m: Height of the rail above the nosings of stairs and the ground.
+    """
+
+    kind: ClassVar[str] = "hold_rail"
+    level_alone: ClassVar[bool] = False
+
+    for_m: Annotated[Number, Field(ge=1, le=50)]
+    side: Annotated[str, OneOf(("left", "right"))] = "right"
+    away_m: Annotated[Number, Field(ge=0.3, le=0.5)] = 0.36
+    height_m: Annotated[Number, Field(ge=0.8, le=1.1)] = 0.92
+
+    @property
+    def stands(self) -> bool:
+        """The walker walks on."""
+        return False
+
+
 ACTS: dict[str, type[Act]] = {
-    act.kind: act for act in (SideStep, StepAside, Backwards, ShuffleInPlace, Hesitate, LookBack)
+    act.kind: act for act in (SideStep, StepAside, Backwards, ShuffleInPlace, Hesitate, LookBack, HoldRail)
 }
 """Every kind of act by its name in scenario files."""

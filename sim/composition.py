@@ -13,6 +13,7 @@ from stridetwin.sim.wearer.body import add_wearer
 from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.sim.wearer.sensor_bodies import add_rig
 from stridetwin.sim.world.bystanders import add_bystanders
+from stridetwin.sim.world.rails import add_rails
 from stridetwin.sim.world.terrain import Terrain
 
 
@@ -43,6 +44,7 @@ def compose(config: TwinConfig) -> Composition:
     terrain = Terrain.from_route(config.route)
     spec = mujoco.MjSpec()
     terrain.add_to(spec)
+    add_rails(spec, config.gait, terrain.layout)
     size = add_wearer(spec, config.person, config.exo)
     add_rig(spec, sensors.rig)
     add_soles(spec, size)

@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from stridetwin.sim.acts import Act, Backwards, Hesitate, LookBack, ShuffleInPlace, SideStep
+from stridetwin.sim.acts import Act, Backwards, Hesitate, HoldRail, LookBack, ShuffleInPlace, SideStep
 from stridetwin.sim.config import Gait
 from stridetwin.sim.gait.backwards import place_backward_steps, stand_before
 from stridetwin.sim.gait.foot_placement import Foothold
@@ -41,9 +41,9 @@ def check_acts(gait: Gait) -> None:
         ConfigError: The message names field, value and what is valid.
     """
     standing = [act for act in gait.acts if act.shortens]
-    walked = [act for act in gait.acts if act.stands or not isinstance(act, LookBack)]
+    walked = [act for act in gait.acts if act.stands or not isinstance(act, LookBack | HoldRail)]
     if walked and gait.pattern == "run":
-        raise ConfigError("gait", "acts.kind", walked[0].kind, "look_back alone in a run, and not standing")
+        raise ConfigError("gait", "acts.kind", walked[0].kind, "in a run, look_back without standing, and hold_rail")
     places = sorted([act.at_m for act in standing] + ([stop.at_m for stop in gait.stops] if standing else []))
     for before, after in pairwise(places):
         if after - before < MIN_APART_M:
@@ -66,8 +66,11 @@ def perform_acts(
     Raises:
         ConfigError: An act that leaves the way, or for which it is too short or not straight.
     """
-    for act in sorted((act for act in gait.acts if not act.shortens), key=lambda act: act.at_m):
-        holds = take_half_steps(holds, act) if isinstance(act, Hesitate) else _look_back(holds, act)
+    for entry in sorted((act for act in gait.acts if not act.shortens), key=lambda act: act.at_m):
+        if isinstance(entry, Hesitate):
+            holds = take_half_steps(holds, entry)
+        elif isinstance(entry, LookBack):
+            holds = _look_back(holds, entry)
     performed: list[Foothold] = []
     aside = Aside()
     for i, hold in enumerate(holds):

@@ -15,11 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline, make_interp_spline
 
+from stridetwin.sim.acts import HoldRail
 from stridetwin.sim.config import SIDES, TwinConfig
 from stridetwin.sim.gait.body_sway import plan_sway
 from stridetwin.sim.gait.exo_fit import ExoLeg, fit_leg, leg_pose, solve_leg_dynamics
 from stridetwin.sim.gait.foot_path import FootPath, foot_path, with_heel_rise
 from stridetwin.sim.gait.footsteps import Footstep, Rhythm, plan_footsteps
+from stridetwin.sim.gait.hand_on_rail import check_reach, hold_rails
 from stridetwin.sim.gait.leg_ik import LegAngles, solve_leg
 from stridetwin.sim.gait.load import (
     add_quiet_stance,
@@ -47,6 +49,7 @@ from stridetwin.sim.walk import GivenWalk
 from stridetwin.sim.wearer.body import LEG_JOINTS
 from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.sim.wearer.exo_couplings import leg_frame
+from stridetwin.sim.world.rails import Rail
 from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.algebra.arrays import from_euler, rot_x, rot_y, rot_z
 from stridetwin.streams.errors import StrideTwinError
@@ -214,6 +217,9 @@ def plan_reference(
     # height of the pelvis on the level (mean and oscillation), and the share of level ground
     mean, wave, level = level_height(rhythm, t, leg_m, sway.rise)
     pose = plan_posture(rhythm, paths, leg_m, t, terrain.profile, config.gait.gaze, sway, wave, rng)
+    free_pose = pose  # without a hand on a rail
+    held_rails = [act for act in config.gait.acts if isinstance(act, HoldRail)]
+    rails = [Rail.along(act, terrain.layout) for act in held_rails]
     R_pelvis = from_euler(pose.pelvis)
     min_knee = min_knee_flexion(rhythm, t)
 
@@ -230,6 +236,7 @@ def plan_reference(
         limit = max_pelvis_height(size, p_pelvis, R_pelvis, paths, min_knee) - wave
         p_pelvis[:, 2] = wave + fit_pelvis_height(level * mean + (1.0 - level) * limit, limit, GRID_S)
         legs_ = solve_legs(size, p_pelvis, R_pelvis, paths)
+        pose, gaps = hold_rails(held_rails, rails, model, free_pose, p_pelvis, t)
         if round_ == 0:  # expensive, so not in every round
             exo = _fit_exoskeleton(size, t, p_pelvis, R_pelvis, paths, legs_, _ROUGH_STRIDE)
         elif round_ in (_WEIGHED_ROUND, _ZMP_ROUNDS - 1):
@@ -259,6 +266,7 @@ def plan_reference(
                 for side in SIDES
             }
             centres, planned_zmp = _centres_of_pressure(steps, paths, shares, travels, size, t, terrain.height)
+    check_reach(held_rails, gaps)
     worst = max(float(leg.stretch.max()) for leg in legs_.values())  # m, by which a foot is out of reach
     if worst > _REACH_TOLERANCE_M:
         side = max(legs_, key=lambda s: legs_[s].stretch.max())

@@ -5,14 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import pairwise
 
+import mujoco
 import numpy as np
 import pytest
 
 from benchmarks import gait
-from stridetwin.sim.acts import Backwards, Hesitate, LookBack, ShuffleInPlace, SideStep, StepAside
+from stridetwin.sim.acts import Backwards, Hesitate, HoldRail, LookBack, ShuffleInPlace, SideStep, StepAside
 from stridetwin.sim.config import Gait, Level, Route, Stairs, Stop, Turn, TwinConfig
 from stridetwin.sim.gait.footsteps import Footstep
 from stridetwin.sim.twin import Twin
+from stridetwin.sim.world.rails import Rail
 from stridetwin.streams.errors import ConfigError
 
 LEVEL = TwinConfig(name="acts", route=Route(segments=(Level(length_m=8.0),)), exo=None, sensors=())
@@ -61,6 +63,19 @@ WALKS: dict[str, TwinConfig] = {
                 LookBack(at_m=6.0, to="right", standing=True, head_rad=np.radians(85.0), for_s=1.2),
             )
         ),
+    ),
+    "rails": replace(
+        LEVEL,
+        route=Route(
+            segments=(
+                Level(length_m=2.5),
+                Stairs(risers=5),
+                Level(length_m=3.0),
+                Stairs(risers=4, down=True),
+                Level(length_m=2.5),
+            )
+        ),
+        gait=Gait(acts=(HoldRail(at_m=2.1, for_m=2.0), HoldRail(at_m=6.2, for_m=1.9, side="left"))),
     ),
 }
 
@@ -212,6 +227,38 @@ def test_shuffle_in_place_is_of_small_steps_on_the_spot(twins: dict[str, Twin]) 
     assert 4 <= len(shuffled) <= 6
     assert np.ptp([step.s for step in shuffled]) < 0.08
     assert shuffled[-1].t_touch - shuffled[0].t_touch == pytest.approx(2.0, abs=0.8)
+
+
+def test_hand_slides_along_the_rail_within_the_ranges_of_the_arm(twins: dict[str, Twin]) -> None:
+    twin = twins["rails"]
+    data, reference = mujoco.MjData(twin.model), twin.reference
+    for act in twin.config.gait.acts:
+        assert isinstance(act, HoldRail)
+        rail, hand = Rail.along(act, twin.terrain.layout), twin.model.body(f"hand_{act.side[0]}").id
+        bar = rail.points(np.arange(act.at_m - 0.3, act.at_m + act.for_m + 0.3, 0.005))
+        on = np.flatnonzero((reference.progress(reference.grid) > act.at_m) & (reference.grid > 0.0))[0]
+        times = reference.grid[on] + np.arange(0.6, 2.2, 0.1)
+        places = []
+        for pose in twin.walk.position_velocity(times)[0]:
+            data.qpos = pose
+            mujoco.mj_kinematics(twin.model, data)
+            palm = data.xpos[hand] + data.xmat[hand].reshape(3, 3) @ np.array([0.0, 0.0, -0.075])
+            away = np.linalg.norm(bar - palm, axis=1)
+            assert away.min() < 0.02
+            places.append(bar[away.argmin(), 0])
+        assert np.all(np.diff(places) > 0.0)  # it only slides on
+    names, t = twin.walk.coordinates.names, np.arange(0.0, twin.duration_s, 0.01)
+    for joint in ("shoulder_flexion", "shoulder_abduction", "elbow_flexion", "lumbar_bending", "neck_bending"):
+        for name in (n for n in names if n.startswith(joint)):
+            q = twin.walk.splines(t)[:, names.index(name)]
+            low, high = twin.model.joint(name).range
+            assert low < q.min() <= q.max() < high, name
+
+
+def test_rail_out_of_reach_is_refused() -> None:
+    acts = (HoldRail(at_m=2.0, for_m=3.0, away_m=0.5, height_m=0.8),)
+    with pytest.raises(ConfigError, match=r"acts.away_m: invalid 0.5.*the hand misses the rail by .* mm"):
+        Twin(replace(LEVEL, gait=Gait(acts=acts)), 0)
 
 
 def test_walk_without_acts_is_that_of_before() -> None:
