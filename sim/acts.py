@@ -196,7 +196,30 @@ class HoldRail(Act):
         return False
 
 
+@dataclass(frozen=True, kw_only=True)
+class Pivot(Act):
+    """A quick turn on the spot in two steps, on the balls of the feet, and later back or, if it is half a turn, on.
+
+    Attributes:
+        at_m: Along the way; it begins at about the first foothold from there on.
+        angle_rad: Of the turn, left positive.
+        for_s: How long the walker stands turned.
+    """
+
+    kind: ClassVar[str] = "pivot"
+    MIN_RAD: ClassVar[float] = math.radians(45.0)
+    """Least angle to either side."""
+
+    angle_rad: Annotated[Number, Field(ge=-180, le=180, alias="angle_deg"), DEGREES]
+    for_s: Annotated[Number, Field(ge=0.8, le=60)] = 1.0
+
+    @property
+    def leading_foot(self) -> str | None:
+        """The foot on the side to which the walker turns."""
+        return "l" if self.angle_rad > 0.0 else "r"
+
+
 ACTS: dict[str, type[Act]] = {
-    act.kind: act for act in (SideStep, StepAside, Backwards, ShuffleInPlace, Hesitate, LookBack, HoldRail)
+    act.kind: act for act in (SideStep, StepAside, Backwards, ShuffleInPlace, Hesitate, LookBack, HoldRail, Pivot)
 }
 """Every kind of act by its name in scenario files."""

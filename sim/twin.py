@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from stridetwin.sim import truth
+from stridetwin.sim.acts import Pivot
 from stridetwin.sim.choices import BODY_PLACES
 from stridetwin.sim.composition import compose
 from stridetwin.sim.config import PHYSICS, SIDES, Dynamics, TwinConfig
@@ -90,6 +91,12 @@ class Twin:
             raise ConfigError(config.name, "exo.drive", config.exo.drive, "idle, or physics dynamic")
         if config.gait.pattern == "run" and config.physics == "dynamic":
             raise ConfigError(config.name, "physics", config.physics, "kinematic: simulated walkers cannot run")
+        if any(isinstance(act, Pivot) for act in config.gait.acts):
+            valid = "physics kinematic: simulated feet do not turn on the ground"
+            if config.exo is not None and config.exo.user_exo is None:
+                valid = "exo none: the hips of the exoskeleton rotate by 20°, a pivot needs up to 58°"
+            if config.physics == "dynamic" or "exo" in valid:
+                raise ConfigError("gait", "acts.kind", Pivot.kind, valid)
         recorded: FittedWalk | None = None
         if config.motion is not None:  # person and terrain follow from the recording
             config, recorded = apply_motion(config)

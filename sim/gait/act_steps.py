@@ -12,15 +12,17 @@ from itertools import pairwise
 
 import numpy as np
 
-from stridetwin.sim.acts import Act, Backwards, Hesitate, HoldRail, LookBack, ShuffleInPlace, SideStep
+from stridetwin.sim.acts import Act, Backwards, Hesitate, HoldRail, LookBack, Pivot, ShuffleInPlace, SideStep
 from stridetwin.sim.config import Gait
 from stridetwin.sim.gait.backwards import place_backward_steps, stand_before
 from stridetwin.sim.gait.foot_placement import Foothold
 from stridetwin.sim.gait.hesitation import take_half_steps
 from stridetwin.sim.gait.look_back import looking_time
+from stridetwin.sim.gait.pivots import place_pivot
 from stridetwin.sim.gait.shuffling import place_shuffling_steps
 from stridetwin.sim.gait.side_steps import Aside, place_side_steps
 from stridetwin.sim.gait.style import Style, level_style
+from stridetwin.sim.wearer.dimensions import Shoe
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.way import Way
 
@@ -52,7 +54,7 @@ def check_acts(gait: Gait) -> None:
 
 
 def perform_acts(
-    holds: Sequence[Foothold], gait: Gait, way: Way, half_width_m: float, rng: np.random.Generator
+    holds: Sequence[Foothold], gait: Gait, way: Way, half_width_m: float, shoe: Shoe, rng: np.random.Generator
 ) -> list[Foothold]:
     """Footholds with the steps of all acts, and beside the middle of the way where the walker has stepped aside.
 
@@ -61,6 +63,7 @@ def perform_acts(
         gait: Gait of the person.
         way: The way.
         half_width_m: Half of the width of the way, m.
+        shoe: Sole, on whose ball the feet turn.
         rng: Draws the steps of a shuffle in place.
 
     Raises:
@@ -72,20 +75,24 @@ def perform_acts(
         elif isinstance(entry, LookBack):
             holds = _look_back(holds, entry)
     performed: list[Foothold] = []
-    aside = Aside()
+    aside, whole_turns_rad = Aside(), 0.0
     for i, hold in enumerate(holds):
         if i + 1 < len(holds):  # the last step only brings the feet together
             aside = aside.after(hold.foot)
-        performed.append(replace(hold, left_m=aside.left_m))
+        performed.append(replace(hold, left_m=aside.left_m, yaw_rad=whole_turns_rad))
         act = hold.act
         if isinstance(act, SideStep):
             steps, aside = place_side_steps(act, performed[-1], aside, half_width_m)
             performed += steps
         elif isinstance(act, Backwards):
             performed[-1] = stand_before(performed[-1])
-            performed += place_backward_steps(act, holds[: i + 1], aside.left_m, way)
+            performed += place_backward_steps(act, holds[: i + 1], performed[-1], way)
         elif isinstance(act, ShuffleInPlace):
             performed += place_shuffling_steps(act, performed[-1], rng)
+        elif isinstance(act, Pivot):
+            performed[-1], steps, aside = place_pivot(act, performed[-1], aside, shoe)
+            performed += steps
+            whole_turns_rad = steps[-1].yaw_rad
         elif isinstance(act, LookBack) and act.standing:
             performed[-1] = replace(performed[-1], pause_s=hold.pause_s + looking_time(act))
     return performed

@@ -39,13 +39,13 @@ class _Place:
     strip: Strip
 
 
-def place_backward_steps(act: Backwards, earlier: Sequence[Foothold], left_m: float, way: Way) -> list[Foothold]:
+def place_backward_steps(act: Backwards, earlier: Sequence[Foothold], here: Foothold, way: Way) -> list[Foothold]:
     """Footholds of walking backwards and of the way forwards again to the last of the `earlier` footholds.
 
     Args:
         act: The act.
         earlier: Footholds of walking up to that at which it begins, in order; at least two.
-        left_m: Where the walker is beside the way, m, left positive.
+        here: The last of them with the walker's place beside the way.
         way: The way.
 
     Raises:
@@ -73,9 +73,8 @@ def place_backward_steps(act: Backwards, earlier: Sequence[Foothold], left_m: fl
         before = [*earlier[-2:], *steps][-2]
         over_edge = before.strip is not place.strip
         time_s = 0.0 if manner == "walk" else _OVER_EDGE_S if over_edge else _STEP_S
-        steps.append(
-            Foothold(foot=before.foot, s=place.s, strip=place.strip, left_m=left_m, manner=manner, time_s=time_s)
-        )
+        step = replace(here, foot=before.foot, s=place.s, strip=place.strip, manner=manner, time_s=time_s)
+        steps.append(replace(step, pause_s=0.0, act=None, twist=None))
 
     if closes:
         add(_Place(s=hold.s, strip=hold.strip), "place")

@@ -22,9 +22,10 @@ from scipy.optimize import nnls
 from stridetwin.sim.gait.foot_pitch import plan_pitch, step_time
 from stridetwin.sim.gait.footsteps import RUN_LANDING_S, Footstep
 from stridetwin.sim.gait.style import Style, leg_length
+from stridetwin.sim.gait.twist import turn_on_ball
 from stridetwin.sim.kinematics.smooth import bump, ease, quintic, soft_ease
 from stridetwin.sim.wearer.dimensions import Shoe, Wearer
-from stridetwin.streams.algebra.arrays import rot_y, slerp
+from stridetwin.streams.algebra.arrays import rot_y, rot_z, slerp
 from stridetwin.streams.samples import Array
 
 _REST = 3  # samples at each end that are at rest: position, velocity and acceleration are given there
@@ -106,6 +107,7 @@ _RUN_DROP_MPS = 0.8  # at which the foot of a runner comes down
 _SLOPE_WITHOUT_SPEED_RAD = 0.12  # downhill slope from which the heel is only set down
 _LAG_OVER = 0.85  # share of swing before touch-down in which the foot lags
 _MAX_BUMP_M = 0.4  # higher, an edge lies too near a footprint for a bump, which rises slowly
+_WIDER_ARC = 2.0  # path of a foot round one that turns on its ball, relative to that of other turns
 _LEVEL_M = 0.05  # lower differences of height are no edges for a foot that goes back in the air
 _NEAR_EDGE_M = 0.004  # margin before and behind a riser
 _NEAR_EDGE_DOWN_M = 0.012  # likewise, going down
@@ -157,12 +159,14 @@ def foot_path(steps: Sequence[Footstep], size: Wearer, t: Array, height: Callabl
     toe, s, heading = np.empty(n), np.empty(n), np.empty(n)
     for i, step in enumerate(steps):
         on = (t >= step.t_touch) & (t <= step.t_off)
-        p[on], R[on], toe[on] = _stance_poses(step, size.shoe, theta[on])
+        p[on], R[on], toe[on] = _stance_poses(step, size.shoe, theta[on], t[on])
         if i > 0:
             p[on] -= landing_lag(steps[i - 1], step, size.shoe, t[on])
         s[on], heading[on] = step.s, step.heading
+        if step.twist is not None:
+            heading[on] += step.twist.angle(t[on], step.t_touch, step.t_off)
         if i + 1 < len(steps):  # no swing follows the last footstep
-            to = steps[i + 1]
+            step, to = _as_it_leaves(step, size.shoe), _as_it_lands(steps[i + 1], size.shoe)
             air = (t > step.t_off) & (t < to.t_touch)
             p[air], R[air], toe[air] = _swing_poses(step, to, size, t[air], theta[air], pitch, height)
             # arc length and heading of a foot in the air go smoothly from footprint to footprint
@@ -199,14 +203,30 @@ def with_heel_rise(path: FootPath, steps: Sequence[Footstep], shoe: Shoe, t: Arr
         limit += _DORSIFLEXION_IN_RUN_RAD if after.is_run else 0.0
         excess = np.maximum(dorsiflexion[on] - limit, 0.0)
         smooth = gaussian_filter1d(excess, _RISE_SMOOTHING_S / (t[1] - t[0]), mode="nearest")
-        rolling, _, _ = _stance_poses(step, shoe, theta[on])
+        rolling, _, _ = _stance_poses(step, shoe, theta[on], t[on])
         theta[on] += fade * _RISE_GAIN * smooth
-        raised, R[on], toe[on] = _stance_poses(step, shoe, theta[on])
+        raised, R[on], toe[on] = _stance_poses(step, shoe, theta[on], t[on])
         p[on] += raised - rolling
     return replace(path, p_foot_in_world=p, R_world_foot=R, toe_extension=toe, pitch=theta)
 
 
-def _stance_poses(step: Footstep, shoe: Shoe, theta: Array) -> tuple[Array, Array, Array]:
+def _as_it_leaves(step: Footstep, shoe: Shoe) -> Footstep:
+    """The footstep with the direction that the foot has when it leaves."""
+    return step if step.twist is None else _turn_on_ball(step, shoe, step.twist.out_rad)
+
+
+def _as_it_lands(step: Footstep, shoe: Shoe) -> Footstep:
+    """The footstep with the direction that the foot has when it lands."""
+    return step if step.twist is None else _turn_on_ball(step, shoe, -step.twist.in_rad)
+
+
+def _turn_on_ball(step: Footstep, shoe: Shoe, angle: float) -> Footstep:
+    """The footstep of a foot that has turned on its ball by an angle, rad."""
+    p_foot, R_world_sole = turn_on_ball(step.p_foot_in_world, step.R_world_sole, shoe, angle)
+    return replace(step, p_foot_in_world=p_foot, R_world_sole=R_world_sole, heading=step.heading + angle)
+
+
+def _stance_poses(step: Footstep, shoe: Shoe, theta: Array, t: Array) -> tuple[Array, Array, Array]:
     """Poses of a foot on the ground, from its pitches θ.
 
     The foot rotates about the heel's edge while θ < 0. While θ ≥ 0 it rotates about the toe hinge, with flat toes. Its
@@ -216,6 +236,7 @@ def _stance_poses(step: Footstep, shoe: Shoe, theta: Array) -> tuple[Array, Arra
         step: Its footprint.
         shoe: Its sole.
         theta: (N,) rad, pitch θ against the ground, toes down positive.
+        t: (N,) s; only a foot that turns on its ball depends on it.
 
     Returns:
         (N, 3) m, positions; (N, 3, 3) rotations, foot to world; (N,) rad, toe extension.
@@ -224,6 +245,11 @@ def _stance_poses(step: Footstep, shoe: Shoe, theta: Array) -> tuple[Array, Arra
     heel_edge, toe_hinge = _pivots(shoe)
     pivot = np.where(theta[:, None] < 0.0, heel_edge, toe_hinge)  # (N, 3) m, c in the foot's frame
     shift = pivot - np.einsum("nij,nj->ni", tilt, pivot)  # (N, 3) m, c − R_y(θ) c, in the axes of the footprint
+    if step.twist is not None:
+        spin = rot_z(step.twist.angle(t, step.t_touch, step.t_off))
+        turned = base @ spin  # (N, 3, 3), about the toe hinge
+        p_turned = step.p_foot_in_world + base @ toe_hinge - turned @ toe_hinge
+        return p_turned + np.einsum("nij,nj->ni", turned, shift), turned @ tilt, np.maximum(theta, 0.0)
     return step.p_foot_in_world + shift @ base.T, base @ tilt, np.maximum(theta, 0.0)
 
 
@@ -356,6 +382,8 @@ def _swing_positions(a: Footstep, b: Footstep, size: Wearer, s: Array, R: Array,
     point = start + np.stack([forward_share, forward_share, upward_share], -1) * (end - start)
     # in a turn the foot moves on an arc, so that it keeps its distance when it passes the other one
     outward = np.array([end[1] - start[1], start[0] - end[0], 0.0]) * (b.heading - a.heading) / 8.0
+    if a.twist is not None:  # round the other foot, which turns on its ball meanwhile
+        outward *= _WIDER_ARC
     point = point + (4.0 * forward_share * (1.0 - forward_share))[:, None] * outward
     if a.departure == "push" and b.arrival == "heel":
         point = point + _swing_shape(b.style, s, b.R_world_sole) * leg_length(size)

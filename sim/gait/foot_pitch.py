@@ -105,6 +105,10 @@ _LANDINGS["toe"] = Landing(
     flat_after=0.36,
     lowering=((0.3, 0.80), (0.6, 0.40), (0.8, 0.15)),
 )
+# on the ball until the turn is made, for longer than the step takes
+_LANDINGS["ball"] = Landing(
+    before=((0.72, 0.10), (0.88, 0.18)), touch=0.20, flat_after=1.37, lowering=((0.5, 0.90), (0.82, 0.75))
+)
 _TOE_OFFS = {
     "climb": ToeOff(heel_off_before=0.42, rise=_RISE, off=0.52, swing=((0.16, 0.85), (0.34, 0.90), (0.52, 0.75))),
     "lower": ToeOff(

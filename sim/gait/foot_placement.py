@@ -16,6 +16,7 @@ from stridetwin.sim.acts import Act, Hesitate
 from stridetwin.sim.config import Gait, Stop
 from stridetwin.sim.gait.running import run_step_s
 from stridetwin.sim.gait.style import leg_length, pace, shuffle_step_share, walk_growth
+from stridetwin.sim.gait.twist import Twist
 from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.sim.world.route import RUN_OUT_M
 from stridetwin.streams.errors import ConfigError
@@ -218,8 +219,9 @@ class Foothold:
         treads: How many treads the step to here goes up or down at a time.
         left_m: Distance of the middle between the feet to the left of the way, m.
         yaw_rad: Direction of the walker relative to the way, rad, left positive.
-        manner: How the step to here is made: `walk`; `place`, onto a flat foot without leading on; or `back`.
+        manner: How the step to here is made: `walk`; `place`, onto a flat foot on the spot; `back`; or `pivot`, onto the ball.
         time_s: Duration of the step of an act, s; 0 for a step of walking.
+        twist: How the foot turns on its ball here; None if it does not.
         act: What the walker does here; None to walk on.
     """
 
@@ -232,6 +234,7 @@ class Foothold:
     yaw_rad: float = 0.0
     manner: str = "walk"
     time_s: float = 0.0
+    twist: Twist | None = None
     act: Act | None = None
 
 

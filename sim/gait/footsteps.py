@@ -27,6 +27,7 @@ from stridetwin.sim.gait.foot_placement import (
 from stridetwin.sim.gait.hesitation import Hesitation, lengthen_swing
 from stridetwin.sim.gait.running import run_style, running_steps
 from stridetwin.sim.gait.style import Style, apply_shuffle, level_style, pace, prolong, style_at
+from stridetwin.sim.gait.twist import Twist
 from stridetwin.sim.kinematics.smooth import smooth_gaussian
 from stridetwin.sim.walk import Stance
 from stridetwin.sim.wearer.dimensions import Wearer
@@ -278,13 +279,14 @@ class Footstep(Stance):
         slope: Inclination of the ground along the way, rad, uphill positive.
         rise: Height above the other foot's previous footprint, m.
         fall: Height above the other foot's next footprint, m.
-        arrival: heel, flat or forefoot: the part that touches down first; toe when walking backwards.
+        arrival: heel, flat or forefoot: the part that touches down first; toe backwards, ball before a turn.
         departure: push, climb or lower: manner of toe-off; back when the foot goes on backwards.
         style: Style of the step that ends here.
         clearance_m: Clearance of the sole above the ground on the way here, m.
         pause_s: Time for which the walker stands still on both feet after this touch-down, s.
         swing: How the swing to here differs from that of the style.
         hesitation: How the swing to here hesitates; None if it does not.
+        twist: How the foot turns on its ball; None if it does not.
         look_back: Look over the shoulder that begins at this touch-down; None for none.
     """
 
@@ -300,6 +302,7 @@ class Footstep(Stance):
     pause_s: float = 0.0
     swing: SwingVariation = SwingVariation()
     hesitation: Hesitation | None = None
+    twist: Twist | None = None
     look_back: LookBack | None = None
 
     @property
@@ -336,7 +339,7 @@ def plan_footsteps(
     tempo = Tempo.along(layout, size, gait, rng)
     holds = plan_footholds(layout, size, gait, tempo, rng)
     if gait.acts:
-        holds = perform_acts(holds, gait, layout.way, half_width_m, rng.spawn(1)[0])
+        holds = perform_acts(holds, gait, layout.way, half_width_m, size.shoe, rng.spawn(1)[0])
     durations, styles = plan_timing(layout.way, holds, size, gait, tempo, rng)
     touch = gait.stand_s + _LEAD_S + np.cumsum(durations)
     # toe-off of the foot that makes each step: its swing is the share 1 − double_support before the touch-down
@@ -439,6 +442,8 @@ def _footstep(
     departure = "climb" if rise_after > _RISER_M else "lower" if rise_after < -_RISER_M else "push"
     if row.hold.manner == "back":
         arrival = "toe"
+    elif row.hold.manner == "pivot":
+        arrival = "ball"
     if after is not row and after.hold.manner == "back":
         departure = "back"
     side = 1.0 if row.foot == "l" else -1.0
@@ -468,6 +473,7 @@ def _footstep(
         clearance_m=CLEARANCE_M + gait.shuffle * (_SLIDING_CLEARANCE_M - CLEARANCE_M),
         pause_s=row.hold.pause_s,
         hesitation=_hesitation(row.hold),
+        twist=row.hold.twist,
         look_back=row.hold.act if isinstance(row.hold.act, LookBack) else None,
     )
 

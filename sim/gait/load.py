@@ -37,6 +37,7 @@ _FOREFOOT_KNOTS: _Knots = (
 )
 # Backwards: how it begins after a landing on the toes, how it ends on the heel, and before walking on forwards.
 _TOE_KNOTS: _Knots = ((0.0, 1.20), (0.15, 1.10), (0.40, 0.65))
+_BALL_KNOTS: _Knots = ((0.0, 1.10), (0.40, 1.04))  # of a foot that turns on its ball
 _BACK_KNOTS: _Knots = ((0.72, 0.10), (1.0, -0.20))
 _ON_KNOTS: _Knots = ((0.65, 0.80), (0.86, 1.08), (1.0, 1.08))
 _STANDING_X = 0.50  # share of the toe hinge's x, in quiet stance
@@ -143,8 +144,8 @@ def cop_travel(steps: Sequence[Footstep], t: Array, standing: Array) -> Array:
         knots = np.array(_FOREFOOT_KNOTS if step.arrival == "forefoot" else _FLAT_KNOTS)
         if step.arrival == "heel":
             knots = np.column_stack([TRAVEL_KNOTS, step.style.travel])
-        if step.arrival == "toe" or step.departure == "back":
-            begin = _TOE_KNOTS if step.arrival == "toe" else _FLAT_KNOTS[:2]
+        if step.arrival in ("toe", "ball") or step.departure == "back":
+            begin = {"toe": _TOE_KNOTS, "ball": _BALL_KNOTS}.get(step.arrival, _FLAT_KNOTS[:2])
             knots = np.array(begin + (_BACK_KNOTS if step.departure == "back" else _ON_KNOTS))
         if np.isfinite(step.t_touch) and np.isfinite(step.t_off):
             touch, off = np.interp([step.t_touch, step.t_off], t, walking)

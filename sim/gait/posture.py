@@ -158,6 +158,7 @@ _TURN_SMOOTHING_S = 0.15  # SD of the filter of the pelvis' heading
 _SWING_SMOOTHING_S = 0.03  # SD of the filter of the swing of the arms
 _HEAD_LEADS_S = 0.40  # before a turn (Grasso et al. 1996: 0.2-0.5 s)
 _TRUNK_LEADS_S = 0.15  # likewise
+_MAX_TRUNK_RAD, _MAX_HEAD_RAD = 0.35, 1.1  # limits of trunk and head before a pivot; approached, never exceeded
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -221,6 +222,8 @@ def plan_posture(
     # rad, by which trunk and head turn ahead of the pelvis' heading
     trunk = _advance_in_time(heading, _TRUNK_LEADS_S, dt) - heading
     head = _advance_in_time(heading, _HEAD_LEADS_S, dt) - heading
+    if any(step.twist is not None for step in rhythm.steps):  # in a quick turn, only as far as trunk and neck turn
+        trunk, head = (most * np.tanh(angle / most) for most, angle in ((_MAX_TRUNK_RAD, trunk), (_MAX_HEAD_RAD, head)))
     # rotations from the heading's own frame, so that several full turns do not matter; angles: yaw, pitch, roll
     yaw, roll = swaying["pelvis_yaw"], swaying["pelvis_roll"]
     R_pelvis = from_euler(np.stack([yaw, pitch, roll], -1))

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from benchmarks import gait
-from stridetwin.sim.acts import Backwards, Hesitate, HoldRail, LookBack, ShuffleInPlace, SideStep, StepAside
-from stridetwin.sim.config import Gait, Level, Route, Stairs, Stop, Turn, TwinConfig
+from stridetwin.sim.acts import Backwards, Hesitate, HoldRail, LookBack, Pivot, ShuffleInPlace, SideStep, StepAside
+from stridetwin.sim.config import Exo, Gait, Level, Route, Stairs, Stop, Turn, TwinConfig
 from stridetwin.sim.gait.footsteps import Footstep
 from stridetwin.sim.twin import Twin
 from stridetwin.sim.world.rails import Rail
+from stridetwin.streams.algebra.arrays import from_quaternion
 from stridetwin.streams.errors import ConfigError
 
 LEVEL = TwinConfig(name="acts", route=Route(segments=(Level(length_m=8.0),)), exo=None, sensors=())
@@ -76,6 +77,10 @@ WALKS: dict[str, TwinConfig] = {
             )
         ),
         gait=Gait(acts=(HoldRail(at_m=2.1, for_m=2.0), HoldRail(at_m=6.2, for_m=1.9, side="left"))),
+    ),
+    "pivots": replace(
+        LEVEL,
+        gait=Gait(acts=(Pivot(at_m=2.0, angle_rad=np.pi), Pivot(at_m=5.0, angle_rad=-np.pi / 2))),
     ),
 }
 
@@ -261,6 +266,60 @@ def test_rail_out_of_reach_is_refused() -> None:
         Twin(replace(LEVEL, gait=Gait(acts=acts)), 0)
 
 
+def test_pivots_turn_in_two_steps_and_back_within_the_hips_range(twins: dict[str, Twin]) -> None:
+    twin = twins["pivots"]
+    steps = in_order(twin)
+    first = next(i for i, step in enumerate(steps) if step.arrival == "ball")
+    assert [np.degrees(step.heading) for step in steps[first - 1 : first + 5]] == pytest.approx(
+        [0.0, 180.0, 180.0, 360.0, 360.0, 360.0]
+    )
+    assert steps[first].foot == "l"
+    # half a turn and on by as much ends at the place of before
+    assert steps[first + 3].p_foot_in_world == pytest.approx(steps[first - 1].p_foot_in_world, abs=0.04)
+    assert steps[first + 1].t_touch - steps[first - 1].t_touch < 1.6
+    turned = [step.heading - 2 * np.pi for step in steps[first + 4 :]]
+    assert np.degrees(min(turned)) == pytest.approx(-90.0)
+    assert turned[-1] == pytest.approx(0.0)
+    t, names = np.arange(0.0, twin.duration_s, 0.01), twin.walk.coordinates.names
+    for name in ("hip_rotation_l", "hip_rotation_r", "hip_adduction_l", "neck_rotation", "lumbar_rotation"):
+        q = twin.walk.splines(t)[:, names.index(name)]
+        low, high = twin.model.joint(name).range
+        assert low < q.min() <= q.max() < high, name
+
+
+def test_a_foot_turns_on_its_ball_with_the_heel_up(twins: dict[str, Twin]) -> None:
+    twin = twins["pivots"]
+    for step in (step for step in in_order(twin) if step.arrival == "ball"):
+        t = np.arange(step.t_touch, step.t_touch + 0.9, 0.005)
+        motion = gait.motion_at(twin, t).tracks[f"foot_{step.foot}"]
+        R = from_quaternion(motion.q_world_body)
+        yaw = np.unwrap(np.arctan2(R[:, 1, 0], R[:, 0, 0]))
+        turned = abs(yaw[-1] - yaw[0])
+        assert turned > np.radians(45.0)
+        turning = np.abs(np.gradient(yaw, t)) > np.radians(8.0)
+        assert twin.walk.pitch(step.foot, t[turning]).min() > 5e-4
+        ball = motion.p_body_in_world + R @ np.array([twin.size.shoe.toe_hinge_x, 0.0, twin.size.shoe.toe_hinge_z])
+        assert np.ptp(ball, axis=0).max() < 5e-4
+
+
+@pytest.mark.parametrize("name", list(WALKS))
+def test_feet_and_shanks_keep_clear_of_each_other(twins: dict[str, Twin], name: str) -> None:
+    twin = twins[name]
+    tracks = gait.motion_at(twin, np.arange(0.0, twin.duration_s, 0.02)).tracks
+    feet, shanks = [], []
+    for side in "lr":
+        foot, shank = tracks[f"foot_{side}"], tracks[f"shank_{side}"]
+        R = from_quaternion(foot.q_world_body)
+        along = np.linspace(-0.03, twin.size.shoe.toe_tip_x - 0.03, 12)
+        feet.append(np.stack([foot.p_body_in_world + R @ np.array([x, 0.0, 0.03]) for x in along], 1))
+        ankle = foot.p_body_in_world + R @ np.array([twin.size.ankle_x, 0.0, twin.size.body.ankle_height_m])
+        share = np.linspace(0.0, 1.0, 12)[:, None]
+        shanks.append(shank.p_body_in_world[:, None] + share * (ankle - shank.p_body_in_world)[:, None])
+    for lines in (feet, shanks):
+        # 2 x 37 mm are the half widths of two shoes
+        assert np.linalg.norm(lines[0][:, :, None] - lines[1][:, None], axis=-1).min() > 0.08
+
+
 def test_walk_without_acts_is_that_of_before() -> None:
     assert Gait().acts == ()
     steps = in_order(Twin(replace(LEVEL, route=Route(segments=(Level(length_m=2.0),))), 1))
@@ -294,6 +353,7 @@ def test_simulated_walker_steps_aside() -> None:
         ),
         (Gait(acts=(Backwards(at_m=2.0, for_m=4.0),)), r"acts.for_m: invalid 4.*at most .* back to the start"),
         (Gait(acts=(Hesitate(at_m=7.9, how="half_steps"),)), r"acts.at_m: invalid 7.9.*amid a level"),
+        (Gait(acts=(Pivot(at_m=3.0, angle_rad=0.5),)), r"acts.angle_deg: invalid 28.6.*at least 45"),
         (Gait(acts=(LookBack(at_m=3.0), LookBack(at_m=4.0))), r"acts.at_m: invalid 4.0.*look back before it is over"),
         (Gait(acts=(SideStep(at_m=3.0, left_m=0.3),), pattern="run"), r"acts.kind: invalid 'side_step'.*in a run"),
     ],
@@ -301,6 +361,15 @@ def test_simulated_walker_steps_aside() -> None:
 def test_impossible_acts_are_refused(walk: Gait, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         Twin(replace(LEVEL, gait=walk), 0)
+
+
+@pytest.mark.parametrize(
+    ("change", "valid"), [({"physics": "dynamic"}, "physics kinematic"), ({"exo": Exo()}, "exo none")]
+)
+def test_pivots_that_cannot_be_are_refused(change: dict[str, object], valid: str) -> None:
+    pivots = replace(LEVEL, gait=Gait(acts=(Pivot(at_m=3.0, angle_rad=3.0),)))
+    with pytest.raises(ConfigError, match=rf"acts.kind: invalid 'pivot': expected {valid}"):
+        Twin(replace(pivots, **change), 0)
 
 
 def test_backwards_round_a_bend_is_refused() -> None:
