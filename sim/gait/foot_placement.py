@@ -219,7 +219,7 @@ class Foothold:
         treads: How many treads the step to here goes up or down at a time.
         left_m: Distance of the middle between the feet to the left of the way, m.
         yaw_rad: Direction of the walker relative to the way, rad, left positive.
-        manner: How the step to here is made: `walk`; `place`, onto a flat foot on the spot; `back`; or `pivot`, onto the ball.
+        manner: How the step to here is made: `walk`; `place`, flat and on the spot; `back`; or `pivot`, onto the ball.
         time_s: Duration of the step of an act, s; 0 for a step of walking.
         twist: How the foot turns on its ball here; None if it does not.
         act: What the walker does here; None to walk on.
