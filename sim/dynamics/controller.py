@@ -42,6 +42,7 @@ class FootGains(NamedTuple):
         force: Weight of contact force.
         force_change: Weight of its change from one control step to the next.
         friction: Friction coefficient that the controller counts on.
+        yielding: Weight of the body's vertical acceleration where the legs yield (`Gains.max_lift`).
     """
 
     swing_rate: float = 25.0
@@ -55,6 +56,7 @@ class FootGains(NamedTuple):
     force: float = 2e-6
     force_change: float = 6e-5
     friction: float = 0.7
+    yielding: float = 20.0
 
 
 class _Body(NamedTuple):
@@ -72,6 +74,7 @@ class _Body(NamedTuple):
         force: (2, points, 4) N, forces of the control step before, along the four edges of each point's friction cone
             (`_set_friction_cone`); overwritten at each step.
         assist: (6,) standard deviation of the root's assist, N and N m; 0 for none.
+        max_lift: N, vertical force of both feet together from which on the legs yield.
     """
 
     driven: NDArray[np.int64]
@@ -84,6 +87,7 @@ class _Body(NamedTuple):
     foot_chain: NDArray[np.bool_]
     force: Array
     assist: Array
+    max_lift: float
 
 
 class _Forces(NamedTuple):
@@ -112,6 +116,8 @@ class Gains:
         joint, lumbar, leg, toe, arm: Weights of neck and exoskeleton joints, lumbar, leg, toe and arm joints.
         foot: Feet and contacts.
         max_torque: Joint torque limit, N m.
+        max_lift: Vertical force of both feet together, as a share of the body weight, from which on the legs yield:
+            tracking then gives way, as a person's knees do.
         assist_n, assist_nm: Standard deviations of the assist's force and torque, where there is assist.
         max_assist: Limit of its force, as a share of the body weight.
     """
@@ -128,6 +134,7 @@ class Gains:
     arm: float = 0.004
     foot: FootGains = field(default_factory=FootGains)
     max_torque: float = 400.0
+    max_lift: float = 1.4
     assist_n: float = 20.0
     assist_nm: float = 1.6
     max_assist: float = 0.08
@@ -189,6 +196,7 @@ class Controller:
             force=np.zeros((len(SIDES), len(points), 4)),
             # force (3) and torque (3); all 0 without assist
             assist=np.repeat([gains.assist_n, gains.assist_nm], 3) * float(assist),
+            max_lift=gains.max_lift * weight,
         )
         # (2,) degrees of freedom of the toe hinges
         self._toes = np.array([model.joint(f"toe_extension_{side}").dofadr[0] for side in SIDES])
@@ -361,7 +369,8 @@ def _solve_step(
     # at most three rows per sole point, and six per foot for its attitude and position; m tasks and k contact points
     # are filled
     # tasks: Jacobian rows, target accelerations and weights
-    tasks, targets, weights = np.zeros((12 + 6 * per_foot, n)), np.zeros(12 + 6 * per_foot), np.zeros(12 + 6 * per_foot)
+    most = 13 + 6 * per_foot  # one row more for the vertical acceleration of the body
+    tasks, targets, weights = np.zeros((most, n)), np.zeros(most), np.zeros(most)
     # contact points: Jacobian rows, edges of the friction cones, and weights of the forces
     contacts, edges, cost = np.zeros((6 * per_foot, n)), np.zeros((2 * per_foot, 4, 3)), np.zeros(2 * per_foot)
     last = np.empty((2 * per_foot, 4))  # N, forces of the step before
@@ -422,15 +431,18 @@ def _solve_step(
             m += 3
     # the free coordinates are eliminated; the forces are stored, because the next step limits their change
     A, bias_driven = eliminate(M, h, body.driven, body.free)
+    points = ContactPoints(contacts[: 3 * k], edges[:k], cost[:k], gains.force_change, last[:k])
     _, torque, forces, _ = solve_control_step(
-        A,
-        bias_driven,
-        target,
-        body.weight,
-        Tasks(tasks[:m], targets[:m], weights[:m]),
-        ContactPoints(contacts[: 3 * k], edges[:k], cost[:k], gains.force_change, last[:k]),
-        body.assist,
+        A, bias_driven, target, body.weight, Tasks(tasks[:m], targets[:m], weights[:m]), points, body.assist
     )
+    if _lift(forces, edges) > body.max_lift:
+        # the legs yield: the root's vertical row M_z q'' + h_z is the lift, and one more task brings it to its limit
+        mass = M[2, 2]  # kg, of the whole body
+        tasks[m], targets[m], weights[m] = A[2] / mass, (body.max_lift - bias_driven[2]) / mass, gains.yielding
+        m += 1
+        _, torque, forces, _ = solve_control_step(
+            A, bias_driven, target, body.weight, Tasks(tasks[:m], targets[:m], weights[:m]), points, body.assist
+        )
     k = 0  # number of the contact point among those that bear force
     for side in range(2):
         for i in range(per_foot):
@@ -438,6 +450,16 @@ def _solve_step(
                 body.force[side, i, e] = forces[k, e] if touching[side, i] else 0.0
             k += touching[side, i]
     return torque
+
+
+@numba.njit(**INNER_KERNEL)
+def _lift(forces: Array, edges: Array) -> float:
+    """Vertical force, N, of (k, 4) forces along the (k, 4, 3) edges of friction cones, world axes."""
+    lift = 0.0
+    for i in range(len(forces)):
+        for e in range(4):
+            lift += forces[i, e] * edges[i, e, 2]
+    return lift
 
 
 @numba.njit(**INNER_KERNEL)
