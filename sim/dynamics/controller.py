@@ -56,7 +56,7 @@ class FootGains(NamedTuple):
     force: float = 2e-6
     force_change: float = 6e-5
     friction: float = 0.7
-    yielding: float = 20.0
+    yielding: float = 100.0
 
 
 class _Body(NamedTuple):
@@ -75,6 +75,7 @@ class _Body(NamedTuple):
             (`_set_friction_cone`); overwritten at each step.
         assist: (6,) standard deviation of the root's assist, N and N m; 0 for none.
         max_lift: N, vertical force of both feet together from which on the legs yield.
+        lift: (1,) N, this force in the control step before; overwritten at each step.
     """
 
     driven: NDArray[np.int64]
@@ -88,6 +89,7 @@ class _Body(NamedTuple):
     force: Array
     assist: Array
     max_lift: float
+    lift: Array
 
 
 class _Forces(NamedTuple):
@@ -197,6 +199,7 @@ class Controller:
             # force (3) and torque (3); all 0 without assist
             assist=np.repeat([gains.assist_n, gains.assist_nm], 3) * float(assist),
             max_lift=gains.max_lift * weight,
+            lift=np.zeros(1),
         )
         # (2,) degrees of freedom of the toe hinges
         self._toes = np.array([model.joint(f"toe_extension_{side}").dofadr[0] for side in SIDES])
@@ -213,6 +216,7 @@ class Controller:
         shift: StepReplan,
         touching: NDArray[np.bool_],
         known: Array,
+        lift: float,
     ) -> Array:
         """Generalised forces (nv,) of the wearer at one control step: joint torques, and the assist at the root.
 
@@ -226,6 +230,7 @@ class Controller:
             shift: Shifts of feet and pelvis relative to the plan.
             touching: (2, points) which sole points may bear force.
             known: (nv,) generalised forces of couplings and motors, which the wearer knows.
+            lift: N, vertical force of both feet together that the soles sensed last.
         """
         model, gains = self._model, self._gains
         # (nv, nv) mass matrix of the model; the controller multiplies it by the ratio of the masses that it assumes
@@ -245,7 +250,16 @@ class Controller:
             self._toes,
         )
         torque = _solve_step(
-            self._mass_ratio * self._M, h, target, self._body, state, plan.feet_at(i), touching, shift.foot, gains.foot
+            self._mass_ratio * self._M,
+            h,
+            target,
+            self._body,
+            state,
+            plan.feet_at(i),
+            touching,
+            shift.foot,
+            lift,
+            gains.foot,
         )
         return _limit_torques(
             torque, self._body.driven, self._toes, self._error, plan.v[i], self._max_help, gains.max_torque
@@ -341,6 +355,7 @@ def _solve_step(
     feet: PlannedFeet,
     touching: NDArray[np.bool_],
     foot_shift: Array,
+    lift: float,
     gains: FootGains,
 ) -> Array:
     """Torques (n,) of the driven coordinates at one instant, from tasks and contacts.
@@ -360,6 +375,7 @@ def _solve_step(
         feet: Plan of the feet.
         touching: (2, points) which sole points may bear force.
         foot_shift: (2, 3, 3) shift of each foot, its rate and acceleration.
+        lift: N, vertical force that the soles sensed last.
         gains: Gains and weights of the feet.
     """
     n, per_foot = len(body.driven), body.bodies.shape[1]
@@ -375,6 +391,8 @@ def _solve_step(
     contacts, edges, cost = np.zeros((6 * per_foot, n)), np.zeros((2 * per_foot, 4, 3)), np.zeros(2 * per_foot)
     last = np.empty((2 * per_foot, 4))  # N, forces of the step before
     m, k = 0, 0
+    # N, by which the ground pressed harder than the forces of the last control step: where a sole slaps down
+    unforeseen = max(lift - body.lift[0], 0.0)
     for side in range(2):
         in_contact = False  # whether any point of this foot may bear force
         for i in range(per_foot):
@@ -435,14 +453,16 @@ def _solve_step(
     _, torque, forces, _ = solve_control_step(
         A, bias_driven, target, body.weight, Tasks(tasks[:m], targets[:m], weights[:m]), points, body.assist
     )
-    if _lift(forces, edges) > body.max_lift:
+    limit = body.max_lift - unforeseen
+    if _lift(forces, edges) > limit:
         # the legs yield: the root's vertical row M_z q'' + h_z is the lift, and one more task brings it to its limit
         mass = M[2, 2]  # kg, of the whole body
-        tasks[m], targets[m], weights[m] = A[2] / mass, (body.max_lift - bias_driven[2]) / mass, gains.yielding
+        tasks[m], targets[m], weights[m] = A[2] / mass, (limit - bias_driven[2]) / mass, gains.yielding
         m += 1
         _, torque, forces, _ = solve_control_step(
             A, bias_driven, target, body.weight, Tasks(tasks[:m], targets[:m], weights[:m]), points, body.assist
         )
+    body.lift[0] = _lift(forces, edges)
     k = 0  # number of the contact point among those that bear force
     for side in range(2):
         for i in range(per_foot):

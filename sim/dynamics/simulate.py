@@ -152,7 +152,9 @@ class Simulation:
         com = np.array([data.subtree_com[1, :2], data.subtree_linvel[1, :2]]) - plan.com[i]
         pressing = np.logical_or.reduce(self._touching, axis=1)  # (2,) whether any point of a foot may bear force
         advance_shifts(self._shift, CONTROL_S, feet, com, floor, pressing, self._landing_offsets[i])
-        self._torque = self._control.torques(data, self._state, plan, i, self._shift, self._touching, known)
+        self._torque = self._control.torques(
+            data, self._state, plan, i, self._shift, self._touching, known, self._record.lift(self._step - 1)
+        )
         if self._noise:
             # noise of the joints in proportion to their torque; the root's six entries have none
             self._torque[6:] *= 1.0 + self._noise * self._rng.standard_normal(model.nv - 6)
@@ -258,6 +260,10 @@ class _Record:
         _record_foot_loads(
             self._side, self._feet, data.xpos, data.xmat, Contacts.of(data), data.efc_force, self._loads.at(i)
         )
+
+    def lift(self, i: int) -> float:
+        """Vertical force of both feet in step i, N; 0 before the walk."""
+        return float(self._loads.force[i, :, 2].sum()) if i >= 0 else 0.0
 
     def rows(self, first: int, end: int) -> tuple[Array, Array, Array, FootRecord]:
         """Records of the K steps from `first` to before `end`.

@@ -22,10 +22,10 @@ HEEL_POINTS = 4  # of each foot's points, the first four
 NEAR_M = 0.004  # a sole point this close to the ground is in contact
 # about the plan, N m/rad and N m s/rad: forces alone do not control so light a body
 TOE_STIFFNESS, TOE_DAMPING = 40.0, 1.0
-_SOLREF = (0.0085, 1.0)  # MuJoCo's time constant, s, and damping ratio of a contact
+_SOLREF = (0.008, 1.0)  # MuJoCo's time constant, s, and damping ratio of a contact
 # MuJoCo's impedance of a contact: its values at no and at full penetration, the width of the transition, m, its
 # midpoint and its power
-_SOLIMP = (0.90, 0.97, 0.002, 0.5, 2.0)
+_SOLIMP = (0.60, 0.98, 0.002, 0.5, 2.0)
 
 
 def sole_points(size: Wearer) -> list[tuple[str, Array]]:
