@@ -12,11 +12,14 @@ from stridetwin.sim.config import SIDES
 from stridetwin.sim.dynamics.footstep_replanning import PlannedFeet
 from stridetwin.sim.dynamics.soles import HEEL_POINTS, PER_FOOT, toe_weights
 from stridetwin.sim.gait.reference import Reference
+from stridetwin.sim.kinematics.smooth import ease
 from stridetwin.streams.samples import Array
 
 CONTROL_S = 0.002  # period of the controller
 _ON_GROUND_RAD = 5e-4  # pitch within which heel and ball both count as on the ground
 _LANDS_RAD = 0.02  # the same while the foot comes down: soles sink in, and the landing end may arrive early
+_UNLOADS_S = 0.06  # before the heel rises, in which its load goes to the ball
+_UNLOADED = 30.0  # weight of force at the heel when it rises, relative to that of a flat foot
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -101,6 +104,10 @@ def plan_control(reference: Reference, model: mujoco.MjModel) -> Plan:
             touching[on, k, :HEEL_POINTS] = pitch[on, None] < within
             touching[on, k, HEEL_POINTS:] = pitch[on, None] > -within
             toes = on & (pitch >= _ON_GROUND_RAD)
+            # the load leaves the heel before the heel leaves the ground, not at that instant
+            if flat.any() and toes.any():
+                before = (t - t[flat][-1]) / _UNLOADS_S + 1.0
+                force_weight[flat, k, :HEEL_POINTS] *= (_UNLOADED ** ease(before[flat]))[:, None]
             # m, planned centre of pressure along the foot, from the origin of its frame
             pressed_at = loads[toes, 4 * k + 1 : 4 * k + 4]
             x = (pressed_at - step.p_foot_in_world) @ step.R_world_sole[:, 0]
