@@ -24,7 +24,10 @@ NEAR_M = 0.004  # a sole point this close to the ground is in contact
 TOE_STIFFNESS, TOE_DAMPING = 40.0, 1.0
 _SOLREF = (0.008, 1.0)  # MuJoCo's time constant, s, and damping ratio of a contact
 # MuJoCo's impedance of a contact: its values at no and at full penetration, the width of the transition, m, its
-# midpoint and its power
+# midpoint and its power. Heel pad and shoe yield at first and stiffen as they are pressed (Aerts & De Clercq 1993, J.
+# Sports Sci. 11); with 0.9 at no penetration, the damper makes the force jump by 0.4 body weights in the first
+# millisecond, with 0.4 or less a sole bottoms out. A heel that bears half the body sinks in by 1.2 mm: two to three
+# times as stiff as the 100-200 kN/m of shod heels, because on softer soles feet slip by more than 5 mm
 _SOLIMP = (0.60, 0.98, 0.002, 0.5, 2.0)
 
 

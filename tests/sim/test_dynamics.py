@@ -17,7 +17,7 @@ from stridetwin.sim.dynamics.footstep_replanning import PlannedFeet, StepReplan,
 from stridetwin.sim.dynamics.plan import plan_control
 from stridetwin.sim.dynamics.simulate import apply_disturbances, misstep_offsets, push_forces
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
-from stridetwin.sim.dynamics.soles import sole_points, toe_weights
+from stridetwin.sim.dynamics.soles import HEEL_POINTS, sole_points, toe_weights
 from stridetwin.sim.dynamics.spatial import State, chain_of
 from stridetwin.sim.dynamics.whole_body_problem import ContactPoints, Tasks
 from stridetwin.sim.twin import Twin
@@ -40,12 +40,16 @@ STAIRS: tuple[Segment, ...] = (
 
 
 def make(
-    segments: tuple[Segment, ...], seed: int = 7, dynamics: Dynamics | None = None, person: Person | None = None
+    segments: tuple[Segment, ...],
+    seed: int = 7,
+    dynamics: Dynamics | None = None,
+    person: Person | None = None,
+    speed_mps: float = Gait().speed_mps,
 ) -> Twin:
     config = TwinConfig(
         name="dynamic",
         route=Route(segments=segments),
-        gait=Gait(stand_s=0.5),
+        gait=Gait(stand_s=0.5, speed_mps=speed_mps),
         person=person or Person(),
         sensors=(),
         physics="dynamic",
@@ -214,6 +218,30 @@ def test_nothing_but_the_ground_holds_the_walker(twin: Twin, walk: SimulatedWalk
         during = (walk.t >= moment) & (walk.t < moment + span)
         push = walk.loads.force[during].sum(axis=(0, 1)) * 1e-3 - np.array([0.0, 0.0, 9.81 * mass * span])
         assert np.abs(momenta[1] - momenta[0] - push).max() < 0.01 * mass * 9.81 * span
+
+
+def test_ground_never_presses_with_much_more_than_the_body_weighs() -> None:
+    """At 1.3 m/s people's feet press with up to 1.25 body weights; the plan asks for 1.8 at its last landing."""
+    twin = make((Level(length_m=6.0),), seed=2, speed_mps=1.3)
+    walk = twin.walk
+    assert isinstance(walk, SimulatedWalk) and walk.fell_at is None
+    steady = (walk.t > 0.4) & (walk.t < walk.duration_s - 0.4)
+    lift = walk.loads.force[steady, :, 2].sum(axis=1) / (9.81 * twin.total_mass_kg)
+    assert 1.2 < lift.max() < 1.6
+
+
+def test_load_leaves_the_heel_before_the_heel_leaves_the_ground(twin: Twin) -> None:
+    """At the last instant at which heel and ball may bear force, force at the heel is dearest, and grows so smoothly."""
+    feet, found = twin.control_plan.feet, 0
+    for k in range(2):
+        whole = feet.touching[:, k].all(axis=1) & ~feet.swinging[:, k]
+        ball_alone = feet.touching[:, k, HEEL_POINTS:].all(axis=1) & ~feet.touching[:, k, :HEEL_POINTS].any(axis=1)
+        for i in np.flatnonzero(whole[:-1] & ball_alone[1:]):
+            weight = feet.force_weight[i - 40 : i + 1, k, 0]
+            assert (np.diff(weight) >= 0.0).all() and (np.diff(np.log(weight)) < 0.3).all()
+            assert weight[0] == 1.0 and weight[-1] == pytest.approx(30.0)
+            found += 1
+    assert found > 5
 
 
 def test_simulated_walk_follows_its_plan(twin: Twin, walk: SimulatedWalk) -> None:
