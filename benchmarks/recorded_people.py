@@ -46,9 +46,22 @@ from stridetwin.streams.samples import Array, Block, Imu
 
 RECORDINGS = ("stair_up", "opencap_walking", "level_turn")
 ASKED: dict[str, dict[str, float]] = {
-    "stair_up": {"markers_mm": 9.0, "slide_mm": 2.0, "depth_995_mm": 5.0, "depth_max_mm": 10.0},
-    "opencap_walking": {"force_rms_bw": 0.05, "force_r": 0.98},
-    "level_turn": {"force_rms_bw": 0.05, "force_r": 0.98, "by_angles_middle_mm": 15.0},
+    "stair_up": {
+        "markers_mm": 9.0,
+        "slide_mm": 2.0,
+        "depth_995_mm": 5.0,
+        "depth_max_mm": 10.0,
+        "cpu_ms_per_frame": 8.0,
+    },
+    "opencap_walking": {"force_rms_bw": 0.05, "force_r": 0.98, "cpu_ms_per_frame": 8.0},
+    "level_turn": {
+        "force_rms_bw": 0.05,
+        "force_r": 0.98,
+        "by_angles_heel_mm": 15.0,
+        "by_angles_middle_mm": 15.0,
+        "by_angles_ball_mm": 15.0,
+        "cpu_ms_per_frame": 8.0,
+    },
 }
 """What is wanted: at most, of `force_r` at least."""
 _PRESSED_N = 20.0  # force of a plate on which something stands
@@ -233,11 +246,11 @@ def measure(arguments: Namespace) -> dict[str, Any]:
     for name in arguments.names or RECORDINGS:
         path = folder / "mocap" / f"{name}.trc.gz"
         table = read_markers(path)
-        begin = time.perf_counter()
+        begin = time.process_time()  # that of an idle core, whatever else runs
         walk = fit_markers(table, Person(height_m=arguments.height))
-        ms = 1e3 * (time.perf_counter() - begin) / len(table.t)
+        ms = 1e3 * (time.process_time() - begin) / len(table.t)
         plates = _read_plates(path.with_name(f"{name}_grf.mot.gz"))
-        summary[name] = measure_walk(walk, plates, float(table.t[0])) | {"ms_per_frame": ms}
+        summary[name] = measure_walk(walk, plates, float(table.t[0])) | {"cpu_ms_per_frame": ms}
         if arguments.loop:
             person = Person(height_m=arguments.height)
             summary[name] |= measure_loop(path, person, walk, arguments.loop)

@@ -249,23 +249,25 @@ def _place_edges(
             for y in (-shoe.half_width, shoe.half_width)
         ]
     )
-    best, best_cost = None, np.inf
+    soles = soles[np.argsort(soles[:, 0])]
+    # depth of all soles up to one along x in each step: in the steps between two edges are those between their places
+    deep = np.clip(tops - soles[:, 2:], 0.0, 0.10) ** 2
+    summed = np.vstack([np.zeros(len(tops)), np.cumsum(deep, axis=0)])
     margin = parameters.edge_margin_m
-    for tread in treads:
-        middle = float(np.mean(0.5 * (low + high) - number * tread))
-        for first in middle + np.arange(-0.12, 0.121, 0.005):
-            edges = first + number * tread
-            outside = np.maximum(low - edges, 0.0) + np.maximum(edges - high, 0.0)
-            # narrow ranges count more: an edge may be anywhere in a wide one
-            off = (edges - 0.5 * (low + high)) / (high - low + margin)
-            cost = float(np.sum((outside / margin) ** 2)) + float(np.sum(off**2))
-            # Blondel's rule of builders: two risers and a tread are a step of 0.63 m
-            cost += ((2.0 * abs(float(np.mean(risers))) + float(tread) - _BUILDERS_STEP_M) / _BUILDERS_SD_M) ** 2
-            if cost > best_cost:
-                continue
-            deep = np.clip(tops[np.searchsorted(edges, soles[:, 0], side="right")] - soles[:, 2], 0.0, 0.10)
-            cost += _SWING_WEIGHT * float(np.mean((deep / margin) ** 2))
-            if cost < best_cost:
-                best, best_cost = edges, cost
-    assert best is not None
-    return best
+    middle = np.mean(0.5 * (low + high) - number * treads[:, None], axis=1)
+    first = middle[:, None] + np.arange(-0.12, 0.121, 0.005)
+    edges = first[..., None] + number * treads[:, None, None]  # (T, F, E)
+    outside = np.maximum(low - edges, 0.0) + np.maximum(edges - high, 0.0)
+    # narrow ranges count more: an edge may be anywhere in a wide one
+    off = (edges - 0.5 * (low + high)) / (high - low + margin)
+    cost = np.sum((outside / margin) ** 2, axis=2) + np.sum(off**2, axis=2)
+    # Blondel's rule of builders: two risers and a tread are a step of 0.63 m
+    step = 2.0 * abs(float(np.mean(risers))) + treads
+    cost += (((step - _BUILDERS_STEP_M) / _BUILDERS_SD_M) ** 2)[:, None]
+    place = np.searchsorted(soles[:, 0], edges)
+    ends = np.concatenate([place, np.full((*first.shape, 1), len(soles))], axis=2)
+    begins = np.concatenate([np.zeros((*first.shape, 1), dtype=int), place], axis=2)
+    step_number = np.arange(len(tops))
+    entered = np.sum(summed[ends, step_number] - summed[begins, step_number], axis=2)
+    cost += _SWING_WEIGHT * entered / margin**2 / len(soles)
+    return np.asarray(edges[np.unravel_index(int(np.argmin(cost)), cost.shape)])

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 from scipy.ndimage import gaussian_filter1d
+from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.motion.marker_sets import MarkerPlace
 from stridetwin.sim.motion.parameters import MotionParameters
@@ -117,11 +118,9 @@ def initial_coordinates(skeleton: Skeleton, points: PointSet, source: str) -> Ar
     for k, path in enumerate(points.paths):
         seen = on_pelvis[np.isfinite(path[on_pelvis, 0])]
         if len(seen) >= 3:
-            a, b = points.places[seen], path[seen]
-            U, _, Vt = np.linalg.svd((a - a.mean(0)).T @ (b - b.mean(0)))
-            R = Vt.T @ np.diag([1.0, 1.0, np.sign(np.linalg.det(Vt.T @ U.T))]) @ U.T  # Kabsch 1976
-            yaw = np.arctan2(R[1, 0], R[0, 0])
-            last = [*(b.mean(0) - R @ a.mean(0)), yaw]
+            place, centre = points.places[seen].mean(0), path[seen].mean(0)
+            R = Rotation.align_vectors(path[seen] - centre, points.places[seen] - place)[0].as_matrix()
+            last = [*(centre - R @ place), np.arctan2(R[1, 0], R[0, 0])]
         if last is not None:
             x[k, :4] = last
     if last is None:
@@ -245,10 +244,10 @@ def calibrate(
     prior_precision = np.concatenate([length_sd**-2, np.repeat(points.sd_m[free], 3) ** -2])
     share = min(1.0, _INDEPENDENT_FRAMES / len(frames))
     changes = LengthChanges.of(lengths_of(replace(person, segments=None, shoe_m=None)))  # the same for all lengths
+    first_lengths, first_skeleton = lengths, Skeleton.of(person)
     L = len(LENGTHS)
     for _ in range(rounds or parameters.calibration_rounds):
-        person = with_lengths(person, lengths)
-        skeleton = Skeleton.of(person)
+        skeleton = changes.apply(first_skeleton, lengths - first_lengths)
         points = replace(points, places=places)
         prior = posture_prior(skeleton, points, x, 0.01, parameters)
         H, g, cross, shared, shared_g = _build_shared_equations(skeleton, points, changes, free, x, prior, parameters)
@@ -298,17 +297,14 @@ def _point_equations(
 ) -> tuple[Array, Array]:
     """(N, D, D) and (N, D), normal equations of every frame for the paths of points."""
     n, count = x.shape
-    H, g = np.zeros((n, count, count)), np.zeros((n, count))
+    H, g = np.empty((n, count, count)), np.empty((n, count))
     for begin in range(0, n, _CHUNK):
         rows = slice(begin, min(begin + _CHUNK, n))
         poses = skeleton.poses(x[rows])
         at = skeleton.points(poses, points.bodies, points.places)
         error = np.nan_to_num(points.paths[rows] - at)
         w = _weigh(error, points.weights[rows], points.sd_m == 0.0, parameters)
-        J = (skeleton.jacobian(poses, points.bodies, at) * w[..., None, None]).reshape(len(at), -1, count)
-        e = (error * w[..., None]).reshape(len(at), -1)
-        H[rows] = np.swapaxes(J, 1, 2) @ J
-        g[rows] = np.einsum("nkd,nk->nd", J, e)
+        H[rows], g[rows] = skeleton.gather(poses, points.bodies, at, w**2, error)
     return H, g
 
 
@@ -340,25 +336,34 @@ def _build_shared_equations(
         (N, D, D) and (N, D) of the coordinates; (N, D, S) coupling; (S, S) and (S,) of what is shared.
     """
     n, count = x.shape
-    L, S = len(LENGTHS), len(LENGTHS) + 3 * len(free)
+    L = len(LENGTHS)
     poses = skeleton.poses(x)
     at = skeleton.points(poses, points.bodies, points.places)
     error = np.nan_to_num(points.paths - at)
-    w = _weigh(error, points.weights, points.sd_m == 0.0, parameters)
-    J = (skeleton.jacobian(poses, points.bodies, at) * w[..., None, None]).reshape(n, -1, count)
-    e = (error * w[..., None]).reshape(n, -1)
-    by_shared = np.zeros((n, len(points.bodies), 3, S))
-    by_shared[..., :L] = changes.jacobian(skeleton, poses, points.bodies)
-    for k, marker in enumerate(free):
-        by_shared[:, marker, :, L + 3 * k : L + 3 * k + 3] = poses.R[:, points.bodies[marker]]
-    by_shared *= w[..., None, None]
-    K = by_shared.reshape(n, -1, S)
-    H, g = np.swapaxes(J, 1, 2) @ J, np.einsum("nkd,nk->nd", J, e)
+    w = _weigh(error, points.weights, points.sd_m == 0.0, parameters) ** 2
+    H, g = skeleton.gather(poses, points.bodies, at, w, error)
     _add_priors(skeleton, x, prior, parameters, H, g)
     diagonal = np.arange(6)
     H[:, diagonal, diagonal] += 1e-6
-    flat = K.reshape(-1, S)
-    return H, g, np.swapaxes(J, 1, 2) @ K, flat.T @ flat, flat.T @ e.ravel()
+    J = np.swapaxes(skeleton.jacobian(poses, points.bodies, at), 2, 3) * w[..., None, None]  # (N, P, D, 3)
+    by_lengths = changes.jacobian(skeleton, poses, points.bodies)  # (N, P, 3, L)
+    R = poses.R[:, points.bodies[free]]  # by which the place of a free point moves that point alone
+    cross = np.empty((n, count, L + 3 * len(free)))
+    cross[..., :L] = np.moveaxis(J, 1, 2).reshape(n, count, -1) @ by_lengths.reshape(n, -1, L)
+    cross[..., L:] = np.moveaxis(J[:, free] @ R, 1, 2).reshape(n, count, -1)
+    weighted = by_lengths * w[..., None, None]
+    shared = np.diag(np.concatenate([np.zeros(L), np.repeat(w[:, free].sum(0), 3)]))
+    shared[:L, :L] = np.tensordot(weighted, by_lengths, axes=([0, 1, 2], [0, 1, 2]))
+    shared[:L, L:] = np.sum(np.swapaxes(weighted[:, free], 2, 3) @ R, axis=0).transpose(1, 0, 2).reshape(L, -1)
+    shared[L:, :L] = shared[:L, L:].T
+    e = error * w[..., None]
+    shared_g = np.concatenate(
+        [
+            np.tensordot(by_lengths, e, axes=([0, 1, 2], [0, 1, 2])),
+            np.einsum("npij,npi->pj", R, e[:, free]).ravel(),
+        ]
+    )
+    return H, g, cross, shared, shared_g
 
 
 def _solve_smooth(H: Array, g: Array, x: Array, smoothing: Array) -> Array:

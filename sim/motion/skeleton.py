@@ -144,9 +144,49 @@ class Skeleton:
             columns = np.flatnonzero(self.carries[b])
             columns = columns[columns >= 3]
             arm = points[:, rows, None] - poses.anchors[:, None, columns]
-            turned = np.cross(poses.axes[:, None, columns], arm)  # (N, rows, columns, 3)
+            turned = _cross(poses.axes[:, None, columns], arm)  # (N, rows, columns, 3)
             J[:, rows[:, None], :, columns[None]] = np.moveaxis(turned, 0, 2)
         return J
+
+    def gather(
+        self, poses: Poses, bodies: NDArray[np.int64], points: Array, weights: Array, errors: Array
+    ) -> tuple[Array, Array]:
+        """Normal equations Jᵀ W J and Jᵀ W e of points on the bodies, J as of `jacobian`, which is not formed.
+
+        The points that a coordinate moves are summed up as the masses of a composite body are (Featherstone 2008,
+        section 6.2): a coordinate with axis a through o moves a point at r from the root by v + a × r, v = a × −o.
+
+        Args:
+            poses: N poses.
+            bodies: (P,) numbers of the bodies.
+            points: (N, P, 3) m in the world.
+            weights: (N, P).
+            errors: (N, P, 3) m.
+
+        Returns:
+            (N, D, D) and (N, D).
+        """
+        root = poses.p[:, :1]
+        r = points - root
+        axes = poses.axes
+        slides = _cross(axes, root - poses.anchors)
+        slides[:, [0, 1, 2], [0, 1, 2]] = 1.0
+        weighted, force = r * weights[..., None], errors * weights[..., None]
+        sums = [weights[..., None], weighted, weighted[..., :1] * r, weighted[..., 1:2] * r[..., 1:]]
+        sums += [weighted[..., 2:] * r[..., 2:], force, _cross(r, force)]
+        moved = self.carries[bodies].T.astype(float) @ np.concatenate(sums, axis=-1)  # (N, D, 16)
+        mass, moment = moved[..., :1], moved[..., 1:4]
+        xx, xy, xz, yy, yz, zz = np.moveaxis(moved[..., 4:10], -1, 0)
+        second = np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=-1).reshape(*xx.shape, 3, 3)
+        push = mass * slides + _cross(axes, moment)
+        twist = _cross(moment, slides) + (xx + yy + zz)[..., None] * axes - (second @ axes[..., None])[..., 0]
+        # between a coordinate and those of its carriers counts what the former moves
+        half = np.concatenate([twist, push], axis=-1) @ np.swapaxes(np.concatenate([axes, slides], axis=-1), 1, 2)
+        moves = self.carries.astype(int)
+        is_lower = (moves.T @ moves) == moves.sum(0)[:, None]  # all that the row moves, the column moves, too
+        H = np.where(is_lower, half, np.where(is_lower.T, np.swapaxes(half, 1, 2), 0.0))
+        g = np.sum(slides * moved[..., 10:13] + axes * moved[..., 13:], axis=-1)
+        return H, g
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -170,6 +210,14 @@ class LengthChanges:
         return LengthChanges(
             offset=np.stack([(s.offset - base.offset) / _STEP_M for s in changed]),
             anchor=np.stack([(s.anchor - base.anchor) / _STEP_M for s in changed]),
+        )
+
+    def apply(self, skeleton: Skeleton, change_m: Array) -> Skeleton:
+        """The bodies of a skeleton where they are after changes (L,) of the lengths; its sizes stay as they are."""
+        return replace(
+            skeleton,
+            offset=skeleton.offset + np.tensordot(change_m, self.offset, 1),
+            anchor=skeleton.anchor + np.tensordot(change_m, self.anchor, 1),
         )
 
     def jacobian(self, skeleton: Skeleton, poses: Poses, bodies: NDArray[np.int64]) -> Array:
@@ -221,6 +269,13 @@ def _with_length(person: Person, name: str, change: float) -> Person:
     values = length_values(person)
     values[LENGTHS.index(name)] += change
     return with_lengths(person, values)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """(..., 3) vector product; for many short vectors it is much faster than `np.cross`."""
+    a_x, a_y, a_z = a[..., 0], a[..., 1], a[..., 2]
+    b_x, b_y, b_z = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([a_y * b_z - a_z * b_y, a_z * b_x - a_x * b_z, a_x * b_y - a_y * b_x], axis=-1)
 
 
 def _rotate(axis: Array, angle: Array) -> Array:

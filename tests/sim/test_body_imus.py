@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmarks.real_walks import data_folder
 from stridetwin.sim.choices import BODY_PLACES
 from stridetwin.sim.config import Gait, Level, Motion, Person, Route, Stairs, TwinConfig
 from stridetwin.sim.parts.sensor_config import Clock, SensorConfig
@@ -21,6 +20,7 @@ from stridetwin.sim.wearer.imu_places import body_of, default_position, split_si
 from stridetwin.sim.wearer.limbs import find_shapes
 from stridetwin.sim.wearer.sensor_bodies import visible_items
 from stridetwin.streams.samples import Array, Block
+from tests.mocap import MOCAP, needs_mocap
 
 SHORT = TwinConfig(
     name="short",
@@ -30,7 +30,6 @@ SHORT = TwinConfig(
 )
 PEOPLE = [Person(), Person(height_m=1.55, mass_kg=50, sex="female"), Person(height_m=1.93, mass_kg=105)]
 G = np.array([0.0, 0.0, -9.81])
-_FOLDER = data_folder("mocap")
 
 
 def read(twin: Twin) -> dict[str, Block]:
@@ -161,10 +160,9 @@ def test_ideal_imus_of_a_simulated_walk_integrate_back_onto_the_true_path() -> N
     assert attitude.max() < 1e-6
 
 
-@pytest.mark.skipif(_FOLDER is None, reason="no recordings: set STRIDETWIN_DATA to their folder")
+@needs_mocap
 def test_ideal_imus_of_a_recorded_walk_integrate_back_onto_the_true_path() -> None:
-    assert _FOLDER is not None
-    motion = Motion(file=str(_FOLDER / "mocap" / "opencap_walking.trc.gz"))
+    motion = Motion(file=str(MOCAP / "opencap_walking.trc.gz"))
     places = ("chest", "thigh_l", "shank_r", "hand_l", "ankle_r")
     fittings = {"body_imu": SensorConfig(places=dict.fromkeys(places, SensorConfig()))}
     twin = Twin(replace(SHORT, gait=Gait(), motion=motion, ideal=True, fittings=fittings), 3)

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.real_walks import data_folder
 from stridetwin.scenarios.scenario_file import scenario_of
 from stridetwin.sim.config import Level, Motion, Person, Route, TwinConfig
 from stridetwin.sim.motion.amass import read_amass
@@ -18,11 +17,8 @@ from stridetwin.sim.motion.skeleton import lengths_of
 from stridetwin.sim.motion.source import apply_motion
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import ConfigError
+from tests.mocap import MOCAP, needs_mocap
 from tests.motion_files import LEG_M, PERSON, PlannedWalk, plan_walk, to_opensim, write_amass, write_bvh
-
-_FOLDER = data_folder("mocap")
-_DATA = (_FOLDER or Path()) / "mocap"
-needs_data = pytest.mark.skipif(_FOLDER is None, reason="no recordings: set STRIDETWIN_DATA to their folder")
 
 
 def _assert_same(fitted: FittedWalk, planned: PlannedWalk, apart_mm: float, keeps_tilt: bool = True) -> None:
@@ -275,13 +271,13 @@ def test_given_lengths_are_kept(tmp_path: Path) -> None:
     assert apply_motion(config)[0].person.segments == person.segments
 
 
-@needs_data
+@needs_mocap
 def test_markers_and_angles_of_one_walk_agree() -> None:
     """The feet of a recording from its markers, and from the joint angles that its laboratory computed."""
     walks = (
-        fit_markers(read_markers(_DATA / "level_turn.trc.gz"), Person(height_m=1.75)),
+        fit_markers(read_markers(MOCAP / "level_turn.trc.gz"), Person(height_m=1.75)),
         fit_segments(
-            read_opensim(read_number_table(_DATA / "level_turn_ik.mot.gz"), Person(height_m=1.75)),
+            read_opensim(read_number_table(MOCAP / "level_turn_ik.mot.gz"), Person(height_m=1.75)),
             Person(height_m=1.75),
         ),
     )

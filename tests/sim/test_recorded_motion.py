@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.real_walks import data_folder
 from stridetwin.scenarios.scenario_file import scenario_of
 from stridetwin.sim.config import Level, Motion, Person, Route, TwinConfig
 from stridetwin.sim.motion.feet import sole_points
@@ -22,16 +21,14 @@ from stridetwin.sim.motion.skeleton import LengthChanges, Skeleton, length_value
 from stridetwin.sim.twin import Twin
 from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.errors import ConfigError
+from tests.mocap import MOCAP, needs_mocap
 
-_FOLDER = data_folder("mocap")
-_DATA = (_FOLDER or Path()) / "mocap"
-needs_data = pytest.mark.skipif(_FOLDER is None, reason="no recordings: set STRIDETWIN_DATA to their folder")
 _PERSON = Person(height_m=1.75)
 
 
 @cache
 def _fit(name: str) -> FittedWalk:
-    return fit_markers(read_markers(_DATA / f"{name}.trc.gz"), _PERSON)
+    return fit_markers(read_markers(MOCAP / f"{name}.trc.gz"), _PERSON)
 
 
 def _trc(rows: int = 30, unit: str = "mm", cell: str = "10.0") -> str:
@@ -113,6 +110,26 @@ def test_jacobians_are_the_differences() -> None:
         )
 
 
+def test_normal_equations_are_those_of_the_jacobian() -> None:
+    """Sums over composite bodies, and places that are linear in the lengths, are exact."""
+    rng = np.random.default_rng(1)
+    person = lengths_of(_PERSON)
+    lengths = length_values(person) + rng.uniform(-0.02, 0.02, len(length_values(person)))
+    changes = LengthChanges.of(person)
+    skeleton = changes.apply(Skeleton.of(person), lengths - length_values(person))
+    other = Skeleton.of(with_lengths(person, lengths))
+    np.testing.assert_allclose(skeleton.offset, other.offset, atol=1e-9)
+    np.testing.assert_allclose(skeleton.anchor, other.anchor, atol=1e-9)
+    bodies = rng.integers(0, len(skeleton.bodies), 40)
+    poses = skeleton.poses(rng.normal(0.0, 0.5, (3, len(skeleton.layout.names))))
+    at = skeleton.points(poses, bodies, rng.normal(0.0, 0.2, (40, 3)))
+    weights, errors = rng.uniform(0.0, 2.0, (3, 40)), rng.normal(size=(3, 40, 3))
+    J = skeleton.jacobian(poses, bodies, at)
+    H, g = skeleton.gather(poses, bodies, at, weights, errors)
+    np.testing.assert_allclose(H, np.einsum("npid,npie,np->nde", J, J, weights), atol=1e-9)
+    np.testing.assert_allclose(g, np.einsum("npid,npi,np->nd", J, errors, weights), atol=1e-9)
+
+
 def test_fit_finds_lengths_and_motion_again() -> None:
     """Markers made from a person with long thighs give the thighs and the motion back."""
     start = lengths_of(_PERSON)
@@ -151,7 +168,7 @@ def test_fit_finds_lengths_and_motion_again() -> None:
     assert np.sqrt(np.mean(np.sum((at - paths) ** 2, axis=2))) < 0.002
 
 
-@needs_data
+@needs_mocap
 @pytest.mark.parametrize(("name", "most_rms_mm"), [("stair_up", 9.0), ("opencap_walking", 9.0), ("level_turn", 11.0)])
 def test_soles_rest_on_the_ground(name: str, most_rms_mm: float) -> None:
     walk = _fit(name)
@@ -169,14 +186,14 @@ def test_soles_rest_on_the_ground(name: str, most_rms_mm: float) -> None:
                     assert np.ptp(point[slice(*rest.flat), :2], axis=0).max() < 0.002
 
 
-@needs_data
+@needs_mocap
 def test_stairs_are_found() -> None:
     walk = _fit("stair_up")
     np.testing.assert_allclose(walk.ground.riser_mm, [168, 166, 163, 161], atol=5)
     np.testing.assert_allclose(walk.ground.tread_mm, [295], atol=25)
 
 
-@needs_data
+@needs_mocap
 @pytest.mark.parametrize("name", ["stair_up", "opencap_walking"])
 def test_loop_has_no_jump(name: str) -> None:
     walk = _fit(name)
@@ -187,13 +204,13 @@ def test_loop_has_no_jump(name: str) -> None:
     assert np.ptp(looped.x[:, 0]) > 5.0
 
 
-@needs_data
+@needs_mocap
 def test_twin_plays_a_recording() -> None:
     config = TwinConfig(
         name="recorded",
         route=Route(segments=(Level(length_m=1.0),)),
         person=_PERSON,
-        motion=Motion(file=str(_DATA / "opencap_walking.trc.gz")),
+        motion=Motion(file=str(MOCAP / "opencap_walking.trc.gz")),
         sensors=("foot_imu", "insole", "encoder"),
     )
     twin = Twin(config, 1)
