@@ -6,12 +6,14 @@ the vertical acceleration of the whole body's centre. It is compared in those ti
 stands on plates: a stance does if, while the foot stands alone, the centre of pressure of all plates lies within its
 sole and their force is at least `_LEAST_LOAD` of the body weight; a foot that never stands alone needs a plate of its
 own. Forces are in body weights; the body weight is the one with which the motion fits the plates best in these times.
-What is left if the plates' clock is late is given, too. The walk is also fitted to the joint angles that the laboratory
+Landings
+show whether the plates' clock is late (`find_plate_delays`); the comparison with the forces in step is given, too. The walk is also fitted to the joint angles that the laboratory
 computed, and its soles are compared with those by markers. Nothing but the person's height is given.
 """
 
 from __future__ import annotations
 
+import itertools
 import sys
 import time
 from argparse import Namespace
@@ -24,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 from scipy.ndimage import binary_dilation
+from scipy.signal import butter, sosfiltfilt
 
 from benchmarks.command import answer, command
 from benchmarks.real_walks import data_folder
@@ -71,7 +74,9 @@ _ON_PLATE_SHARE = 0.95  # of the time of a single support
 _LOW_M, _SLOW_MPS = 0.03, 0.6  # of a corner of a sole that may press on the ground
 _UNSURE_S = 0.04  # by which touch-downs and toe-offs of the fit may be wrong
 _ENDS_S = 0.04  # at both ends of a recording, three time constants of the filter of 12 Hz
-_MOST_DELAY_S = 0.03  # of plates whose clock is not that of the cameras
+# Landings that show whether the plates' clock is that of the cameras: of a filter on the heel's marker, half a window
+# around the first force, and how sharp the force has to rise and the heel has to stop.
+_HEEL_HZ, _AROUND_LANDING_S, _SHARP_NPS, _SHARP_MPS2 = 40.0, 0.06, 2e4, 20.0
 _ACCELERATION_STEP_S = 0.001
 
 
@@ -178,20 +183,50 @@ def compare_force(motion: Array, plates: Array) -> tuple[float, float, float]:
     return weight, float(np.sqrt(np.mean((motion - plates / weight) ** 2))), float(np.corrcoef(motion, plates)[0, 1])
 
 
-def find_delay(motion: Array, plates: Array, rows: NDArray[np.bool_], dt: float) -> tuple[float, float, float]:
-    """Delay of the plates in s, up to `_MOST_DELAY_S`, with which the forces differ least; RMS and r with it.
+def find_plate_delays(walk: FittedWalk, table: NumberTable, begin_s: float) -> list[float]:
+    """Delay of the plates after the markers in s, of each landing on a plate, whatever the force of the whole body.
+
+    A force that stops a heel is there while it stops it: in step are the steepest rise of a plate's force and the
+    largest upward acceleration of the heel's marker.
 
     Args:
-        motion: (N,) body weights.
-        plates: (N,) N.
-        rows: (N,) times that count.
-        dt: Time between two rows, s.
+        walk: The fitted walk, with its markers.
+        table: Forces, y up.
+        begin_s: Time of the first frame on the plates' clock.
     """
-    t = np.arange(len(motion)) * dt
-    delays = np.arange(-_MOST_DELAY_S, _MOST_DELAY_S + 1e-9, 0.001)
-    fits = [compare_force(motion[rows], np.interp(t + delay, t, plates)[rows])[1:] for delay in delays]
-    best = min(range(len(fits)), key=lambda k: fits[k][0])
-    return float(delays[best]), *fits[best]
+    t = begin_s + np.arange(len(walk.x)) * walk.dt
+    heels = []
+    for side in SIDES:
+        on_foot = np.flatnonzero(walk.points.bodies == walk.skeleton.index(f"foot_{side}"))
+        heel = on_foot[np.argmin(walk.points.places[on_foot, 0])]
+        heights = walk.points.paths[:, heel, 2]
+        seen = np.isfinite(heights)
+        smooth = sosfiltfilt(butter(2, _HEEL_HZ, fs=1.0 / walk.dt, output="sos"), np.interp(t, t[seen], heights[seen]))
+        heels.append(np.gradient(np.gradient(smooth, walk.dt), walk.dt))
+    delays, around = [], round(_AROUND_LANDING_S / walk.dt)
+    for number in itertools.count(1):
+        if f"ground_force_{number}_vy" not in table.names:
+            break
+        force = np.interp(t, table.t, table.column(f"ground_force_{number}_vy"))
+        pressed = force > _PRESSED_N
+        for row in np.flatnonzero(pressed[1:] & ~pressed[:-1]) + 1:
+            rows = slice(row - around, row + around)
+            if row < around or row + around > len(t) or pressed[row - around : row].any():
+                continue
+            rise = np.gradient(force[rows], walk.dt)
+            stops = [heel[rows] for heel in heels]
+            stop = max(stops, key=np.max)
+            if rise.max() > _SHARP_NPS and stop.max() > _SHARP_MPS2:
+                delays.append(float(_peak_row(rise) - _peak_row(stop)) * walk.dt)
+    return delays
+
+
+def _peak_row(values: Array) -> float:
+    """Row of the largest value, between rows by a parabola."""
+    k = int(np.clip(np.argmax(values), 1, len(values) - 2))
+    before, at, after = values[k - 1 : k + 2]
+    bend = before - 2.0 * at + after
+    return k if bend == 0.0 else k + float(np.clip(0.5 * (before - after) / bend, -0.5, 0.5))
 
 
 def measure_soles(walk: FittedWalk) -> dict[str, float]:
@@ -225,15 +260,17 @@ def measure_walk(walk: FittedWalk, plates: NumberTable | None, begin_s: float) -
     figures |= measure_soles(walk)
     figures |= {"risers_mm": list(walk.ground.riser_mm), "treads_mm": list(walk.ground.tread_mm)}
     if plates is not None:
-        at = Plates.of(plates, walk, begin_s + np.arange(len(walk.x)) * walk.dt)
-        rows = rows_on_plates(walk, at)
-        figures["force_s"] = float(rows.sum() * walk.dt)
-        for name, x in (("force_unpinned", walk.x_unpinned), ("force", walk.x)):
-            motion = vertical_force(walk.skeleton, walk.person, x, walk.dt)
-            weight, rms, r = compare_force(motion[rows], at.up.sum(1)[rows])
-            figures |= {f"{name}_rms_bw": rms, f"{name}_r": r, f"{name}_mass_kg": weight / NOMINAL_GRAVITY_MPS2}
-        delay_s, rms, r = find_delay(motion, at.up.sum(1), rows, walk.dt)
-        figures |= {"plates_delay_ms": 1e3 * delay_s, "force_delayed_rms_bw": rms, "force_delayed_r": r}
+        delays = find_plate_delays(walk, plates, begin_s)
+        delay_s = float(np.median(delays)) if delays else 0.0
+        figures |= {"landings": float(len(delays)), "plates_delay_ms": 1e3 * delay_s}
+        motions = [vertical_force(walk.skeleton, walk.person, x, walk.dt) for x in (walk.x_unpinned, walk.x)]
+        for clock, late_s in (("", 0.0), ("_in_step", delay_s)):
+            at = Plates.of(plates, walk, begin_s + late_s + np.arange(len(walk.x)) * walk.dt)
+            rows = rows_on_plates(walk, at)
+            figures[f"force{clock}_s"] = float(rows.sum() * walk.dt)
+            for name, motion in zip((f"force{clock}_unpinned", f"force{clock}"), motions):
+                weight, rms, r = compare_force(motion[rows], at.up.sum(1)[rows])
+                figures |= {f"{name}_rms_bw": rms, f"{name}_r": r, f"{name}_mass_kg": weight / NOMINAL_GRAVITY_MPS2}
     return figures
 
 
