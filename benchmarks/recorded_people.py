@@ -6,9 +6,9 @@ the vertical acceleration of the whole body's centre. It is compared in those ti
 stands on plates: a stance does if, while the foot stands alone, the centre of pressure of all plates lies within its
 sole and their force is at least `_LEAST_LOAD` of the body weight; a foot that never stands alone needs a plate of its
 own. Forces are in body weights; the body weight is the one with which the motion fits the plates best in these times.
-Landings
-show whether the plates' clock is late (`find_plate_delays`); the comparison with the forces in step is given, too. The walk is also fitted to the joint angles that the laboratory
-computed, and its soles are compared with those by markers. Nothing but the person's height is given.
+Landings show whether the plates' clock is late (`find_plate_delays`); the comparison with the forces in step is given,
+too. The walk is also fitted to the joint angles that the laboratory computed, and its soles are compared with those by
+markers. Nothing but the person's height is given. Times are those of the processor, as on a core that nobody else uses.
 """
 
 from __future__ import annotations
