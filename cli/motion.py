@@ -43,6 +43,9 @@ def motion_command(arguments: MotionOptions, progress: Progress) -> Outcome:
     lengths = {name.removesuffix("_m"): 1e3 * value for name, value in vars(fitted.person.segments).items()}
     lines += [f"lengths: {', '.join(f'{name} {value:.0f}' for name, value in lengths.items())} mm"]
     ground = "level ground" if not risers else f"risers {', '.join(f'{r:.0f}' for r in risers)} mm"
+    ramp_deg = fitted.ground.ramp_deg
+    if ramp_deg is not None:
+        ground = f"ramp {'up' if ramp_deg > 0.0 else 'down'}, {abs(ramp_deg):.1f}°"
     lines += [f"terrain: {ground}" + "".join(f", tread {t:.0f} mm" for t in treads)]
     if arguments.output is not None:
         import cv2
@@ -59,6 +62,7 @@ def motion_command(arguments: MotionOptions, progress: Progress) -> Outcome:
         "lengths_mm": lengths,
         "risers_mm": list(risers),
         "treads_mm": list(treads),
+        "ramp_deg": ramp_deg,
         "steps": [
             {"foot": s.foot, "mode": s.mode, "terrain": s.terrain,
              "touch_down_s": s.t_touch if np.isfinite(s.t_touch) else None,

@@ -1,4 +1,4 @@
-"""Files of joint angles that hold a planned walk, to be read again."""
+"""Files of joint angles, and of markers, that hold a planned walk, to be read again."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stridetwin.sim.config import Gait, Level, Person, Route, TwinConfig
+from stridetwin.sim.config import Gait, Level, Person, Route, Segment, TwinConfig
 from stridetwin.sim.motion.amass import JOINTS
+from stridetwin.sim.motion.marker_sets import MARKER_SETS, describe_site
 from stridetwin.sim.motion.read import NumberTable
 from stridetwin.sim.motion.skeleton import Skeleton, lengths_of
 from stridetwin.sim.twin import Twin
@@ -34,10 +35,10 @@ class PlannedWalk:
 
 
 @cache
-def plan_walk() -> PlannedWalk:
+def plan_walk(segments: tuple[Segment, ...] = (Level(length_m=5.0),)) -> PlannedWalk:
     config = TwinConfig(
         name="planned",
-        route=Route(segments=(Level(length_m=5.0),)),
+        route=Route(segments=segments),
         person=PERSON,
         exo=None,
         sensors=(),
@@ -170,6 +171,29 @@ def write_amass(path: Path, planned: PlannedWalk) -> None:
         betas=np.zeros(16),
         gender="neutral",
     )
+
+
+_MARKERS = ("C7", "CLAV", "SHO", "ELB", "WRA", "WRB", "ASI", "PSI", "THI", "KNE", "KNM", "TIB", "ANK", "MED", "HEE",
+            "TOE", "MT5", "MT1")  # fmt: skip
+
+
+def write_trc(path: Path, planned: PlannedWalk, seed: int) -> None:
+    """Markers of Plug-in-Gait, each beside its usual place, with noise of 0.5 mm."""
+    rng = np.random.default_rng(seed)
+    names, paths = [], []
+    poses = planned.skeleton.poses(planned.x)
+    for label in _MARKERS:
+        for side in ("",) if label in ("C7", "CLAV") else ("l", "r"):
+            marker = describe_site(MARKER_SETS["plug_in_gait"][label], side)
+            place = marker.place_m + rng.normal(0.0, min(0.3 * marker.sd_m, 0.01), 3)
+            names.append(side.upper() + label)
+            body = np.array([planned.skeleton.index(marker.body)])
+            paths.append(planned.skeleton.points(poses, body, place[None])[:, 0])
+    x = np.stack(paths, axis=1) + rng.normal(0.0, 0.0005, (len(planned.x), len(paths), 3))
+    head = ["PathFileType\t4\t(X/Y/Z)\twalk.trc", "DataRate\tNumFrames\tNumMarkers\tUnits"]
+    head += [f"{HZ:g}\t{len(x)}\t{len(names)}\tm", "Frame#\tTime\t" + "\t\t\t".join(names), ""]
+    rows = [f"{i + 1}\t{i / HZ:.3f}\t" + "\t".join(f"{v:.5f}" for v in row.ravel()) for i, row in enumerate(x)]
+    path.write_text("\n".join(head + rows) + "\n")
 
 
 def to_opensim(planned: PlannedWalk) -> NumberTable:

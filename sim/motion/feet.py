@@ -22,6 +22,7 @@ _FIRM = 1e5  # weight of a correction in a rest, over that of one between rests
 _PRESSED = 0.5  # share of the half width at which a sole that rolls sideways presses
 _LIFT_ROUNDS = 6
 _TOE_LIMIT_RAD = 1.2
+_STEEPEST = 0.37  # rise over length of ground that is no riser
 
 
 def ground_foot(
@@ -47,7 +48,7 @@ def ground_foot(
         parameters: Times.
     """
     n = len(track.p)
-    frames = [_sole_frame(s, float(slope)) for s, slope in zip(stances, slopes)]
+    frames = [sole_frame(s, float(slope)) for s, slope in zip(stances, slopes)]
     origins = [np.array([s.p[0], s.p[1], z]) for s, z in zip(stances, heights)]
 
     flats = [slice(*s.flat) for s in stances if s.flat is not None]
@@ -108,7 +109,7 @@ def _sides(shoe: Shoe) -> tuple[float, float]:
     return -shoe.half_width, shoe.half_width
 
 
-def _sole_frame(stance: FootRest, slope: float) -> Array:
+def sole_frame(stance: FootRest, slope: float) -> Array:
     """(3, 3) axes of the flat foot on ground that rises along x."""
     normal = np.array([-np.sin(slope), 0.0, np.cos(slope)])
     ahead = np.array([np.cos(stance.yaw), np.sin(stance.yaw), 0.0])
@@ -125,7 +126,9 @@ def _toe_angles(
     above = ball[:, 2] - height(ball[:, :2])
     pitch = np.arcsin(np.clip(-track.R[:, 2, 0], -1.0, 1.0))  # toes down positive
     reach = shoe.flat_tip_x - shoe.toe_hinge_x
-    least = pitch - np.arcsin(np.clip(above / reach, -0.5, 1.0))
+    rise = height(ball[:, :2] + reach * track.R[:, :2, 0]) - height(ball[:, :2])
+    rise = np.where(np.abs(rise) < _STEEPEST * reach, rise, 0.0)  # of a ramp, not of a riser
+    least = pitch - np.arcsin(np.clip((above - rise) / reach, -0.5, 1.0))
     target = np.clip(least, 0.0, _TOE_LIMIT_RAD)
     firm = np.where((least > 0.0) | (above < parameters.max_rise_m), _FIRM, 0.0)
     return _fill(target[:, None], firm, (), dt, parameters.ramp_s)[:, 0]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stridetwin.sim.config import Route
-from stridetwin.sim.motion.feet import ground_foot
+from stridetwin.sim.motion.feet import ground_foot, sole_frame
 from stridetwin.sim.motion.ground import Ground, RoutePlacement, find_ground, place_route
 from stridetwin.sim.motion.ik import (
     PointSet,
@@ -25,6 +25,7 @@ from stridetwin.sim.motion.rests import FootRest, FootTrack, stances_of
 from stridetwin.sim.motion.segments import SegmentMotion, fit_legs, points_of
 from stridetwin.sim.motion.skeleton import Skeleton, lengths_of
 from stridetwin.sim.people import Person
+from stridetwin.sim.wearer.dimensions import Shoe
 from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
@@ -33,6 +34,7 @@ SIDES = ("l", "r")
 _GROUNDING_ROUNDS = 2  # of calibration with feet on the ground
 _PINNING_ROUNDS = 6
 _ROUNDS_FROM_STANDING = 10  # Gauss-Newton steps where nothing but the pelvis is known at the start
+_LEVEL = 1e-4  # rise over length of a level
 _REST_SD_M = 0.002  # scatter of a sole that rests, in the calibration
 
 
@@ -113,6 +115,8 @@ def fit_markers(
         whole = whole.then(placement)
         feet, stances = _to_world(placement, feet, stances)
         ground = find_ground(stances, feet, skeleton.size.shoe, parameters)
+        lift = RoutePlacement(turn=0.0, shift=np.array([0.0, 0.0, ground.lift_m]))
+        placement, whole = placement.then(lift), whole.then(lift)
         rests = _rest_points(skeleton, stances, ground, len(x), _REST_SD_M)
         points = _place_points(points, placement)
         x = _place_coordinates(x, placement)
@@ -172,12 +176,14 @@ def ground_walk(
     stances = stances_of(feet, skeleton.size.shoe, dt, parameters)
     placement = place_route(stances, x[:, :3])
     feet, stances = _to_world(placement, feet, stances)
+    if route is None:
+        ground = find_ground(stances, feet, shoe, parameters)
+        lift = RoutePlacement(turn=0.0, shift=np.array([0.0, 0.0, ground.lift_m]))
+        feet, stances = _to_world(lift, feet, stances)
+        placement = placement.then(lift)
+    else:
+        ground = _find_given_ground(route, stances, shoe)
     points, x = _place_points(points, placement), _place_coordinates(x, placement)
-    ground = find_ground(stances, feet, shoe, parameters)
-    if route is not None:
-        terrain = Terrain.from_route(route)
-        heights = terrain.height(np.array([s.p[:2] for s in stances]))
-        ground = replace(ground, route=route, heights=heights)
     terrain = Terrain.from_route(ground.route)
     landed = np.isfinite(ground.heights)
     stances = [s for s, is_down in zip(stances, landed) if is_down]
@@ -214,6 +220,18 @@ def ground_walk(
         points=points,
         placement=placement,
     )
+
+
+def _find_given_ground(route: Route, stances: Sequence[FootRest], shoe: Shoe) -> Ground:
+    """Heights and slopes of a known terrain under stances; the ground under the middle of a sole bears it."""
+    terrain = Terrain.from_route(route)
+    p, yaw = np.array([s.p[:2] for s in stances]), np.array([s.yaw for s in stances])
+    middle = p + 0.5 * (shoe.heel_back_x + shoe.toe_hinge_x) * np.stack([np.cos(yaw), np.sin(yaw)], axis=1)
+    normal = terrain.normal(middle)
+    rise = -normal[:, 0] / normal[:, 2]
+    on_ramp = terrain.height(middle) + rise * (p - middle)[:, 0]
+    heights = np.where(np.abs(rise) > _LEVEL, on_ramp, terrain.height(p))
+    return Ground(route=route, heights=heights, slopes=np.arctan(rise), riser_mm=(), tread_mm=())
 
 
 def track_feet(skeleton: Skeleton, x: Array) -> list[FootTrack]:
@@ -279,11 +297,10 @@ def _rest_points(skeleton: Skeleton, rests: Sequence[FootRest], ground: Ground, 
     targets = None
     for side in SIDES:
         p, R = np.full((frames, 3), np.nan), np.tile(np.eye(3), (frames, 1, 1))
-        for stance, height in zip(rests, ground.heights):
+        for stance, height, slope in zip(rests, ground.heights, ground.slopes):
             if stance.side == side and stance.flat is not None and np.isfinite(height):
                 rows = slice(*stance.flat)
-                c, s = np.cos(stance.yaw), np.sin(stance.yaw)
-                p[rows], R[rows] = [*stance.p[:2], height], [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]
+                p[rows], R[rows] = [*stance.p[:2], height], sole_frame(stance, float(slope))
         track = FootTrack(side=side, p=p, R=R, toe=np.zeros(frames))
         points = _foot_points(skeleton, track, 1.0 / sd_m)
         points = points.append(_hinge_points(skeleton, side, rests, ground, frames, 1.0 / sd_m))
@@ -298,10 +315,10 @@ def _hinge_points(
     """The toe hinge of one foot, whose height is known while the ball rests after the heel has risen."""
     shoe = skeleton.size.shoe
     path = np.full((frames, 1, 3), np.nan)
-    for rest, height in zip(rests, ground.heights):
+    for rest, height, slope in zip(rests, ground.heights, ground.slopes):
         if rest.side == side and rest.flat is not None and rest.ball is not None and np.isfinite(height):
-            ahead = shoe.toe_hinge_x * np.array([np.cos(rest.yaw), np.sin(rest.yaw)])
-            path[rest.flat[1] : rest.ball[1], 0] = [*(rest.p[:2] + ahead), height + shoe.toe_hinge_z]
+            hinge = sole_frame(rest, float(slope)) @ [shoe.toe_hinge_x, 0.0, shoe.toe_hinge_z]
+            path[rest.flat[1] : rest.ball[1], 0] = np.array([*rest.p[:2], height]) + hinge
     return PointSet(
         names=(f"hinge_{side}",),
         bodies=np.array([skeleton.index(f"toe_{side}")]),

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from stridetwin.sim.config import Level, Route, Segment, Stairs
+from stridetwin.sim.config import Level, Ramp, Route, Segment, Stairs
 from stridetwin.sim.motion.parameters import MotionParameters
 from stridetwin.sim.motion.rests import FootRest, FootTrack
 from stridetwin.sim.wearer.dimensions import Shoe
@@ -24,6 +24,13 @@ _STRAIGHT = 0.9  # distance of the ends over the length of the path, of a walk i
 _TREADS_M = (0.20, 0.55)  # depths of treads that are tried
 _USUAL_RISER_M, _HIGHEST_RISER_M = 0.17, 0.25
 _BUILDERS_STEP_M, _BUILDERS_SD_M = 0.63, 0.03
+_UNLIKELY_RISER_M, _UNLIKELY_SD_M = 0.10, 0.02  # height below which a riser is rather a part of a ramp
+_HEIGHT_SD_M, _TILT_SD_RAD = 0.005, 0.015  # of soles in their rests, beside what they have in common
+_BIAS_SD_M, _BIAS_SD_RAD = 0.02, 0.03  # of heights between the sides, and of the tilt of each sole
+_RAMP_EVIDENCE = 25.0  # by which the squared errors of a ramp, in standard deviations, are below those of steps
+_STEEPEST_RAD, _LOWEST_RAMP_M = 0.34, 0.06
+_RAMP_STEPS, _FINE_RAMP_M = 60, 0.01  # places at which a ramp may begin or end, and how finely they are found
+_SHORTEST_RAMP_M, _AROUND_SOLE_M = 0.4, 0.15
 _SWING_WEIGHT = 0.3  # of the depth of a swinging foot in a step, relative to that of a footprint
 _ROWS = 400  # of the paths of the feet from which edges are placed
 
@@ -65,6 +72,8 @@ class Ground:
             foot that never lies flat and is at none of the heights of the others: it has not landed.
         slopes: (K,) rad, inclination along x under each stance, uphill positive.
         riser_mm, tread_mm: Heights, up positive, and depths of the risers that were found, for people.
+        ramp_deg: Inclination of the ramp that was found, for people; None if there is none.
+        lift_m: Height by which the recording has to be raised, so that its ground is where the route is.
     """
 
     route: Route
@@ -72,6 +81,24 @@ class Ground:
     slopes: Array
     riser_mm: tuple[float, ...]
     tread_mm: tuple[float, ...]
+    ramp_deg: float | None = None
+    lift_m: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _RampFit:
+    """A ramp between two levels.
+
+    Attributes:
+        begin, end: m, places along x.
+        slope: Rise over length, up along x positive.
+        cost: Squared errors of the rests, in standard deviations.
+    """
+
+    begin: float
+    end: float
+    slope: float
+    cost: float
 
 
 def place_route(stances: Sequence[FootRest], path: Array) -> RoutePlacement:
@@ -128,6 +155,11 @@ def find_ground(
             groups.append([int(k)])
     levels = np.array([float(np.mean(z[g])) for g in groups])
     feet = np.array([s.p for s in stances])
+    ramp = _find_ramp([s for s in stances if s.flat is not None], shoe)
+    if ramp is not None:
+        tilts = _tilt_errors([s for s in stances if s.flat is not None], levels, z[flat])
+        if ramp.cost + _RAMP_EVIDENCE < tilts and abs(ramp.slope) >= parameters.min_slope_rad:
+            return _lay_ramp(ramp, stances, tracks, shoe)
     reach = max(float(np.max([t.p[:, 0].max() for t in tracks])), 0.0) + _BEYOND_M
     aside = float(np.abs(feet[:, 1]).max())
     width = max(_MIN_WIDTH_M, 2 * (aside + _BESIDE_M))
@@ -164,6 +196,117 @@ def find_ground(
         slopes=slopes,
         riser_mm=tuple(1e3 * r for r in risers),
         tread_mm=(1e3 * tread,) if len(edges) > 1 else (),
+    )
+
+
+def _find_ramp(rests: Sequence[FootRest], shoe: Shoe) -> _RampFit | None:
+    """The ramp that fits heights and tilts of flat soles best; None of a walk that does not climb.
+
+    Of all places at which it may begin and end, slope, height, the height of the right soles over the left ones and the
+    tilt of both soles are linear least squares.
+
+    Args:
+        rests: Rests in the world of the route.
+        shoe: Their soles.
+    """
+    yaw = np.array([rest.yaw for rest in rests])
+    x = np.array([rest.p[0] for rest in rests]) + 0.5 * (shoe.heel_back_x + shoe.toe_hinge_x) * np.cos(yaw)
+    z = np.array([rest.p[2] for rest in rests])
+    if np.ptp(z) < _LOWEST_RAMP_M or np.ptp(x) < _SHORTEST_RAMP_M:
+        return None
+    right = np.array([rest.side == "r" for rest in rests]).astype(float)
+    target = np.concatenate([z / _HEIGHT_SD_M, [rest.tilt / _TILT_SD_RAD for rest in rests], np.zeros(3)])
+    # columns: height, slope, bias of the right side, tilts of the left and the right sole
+    fixed = np.zeros((len(target), 5))
+    fixed[: len(x), 0], fixed[: len(x), 2] = 1.0 / _HEIGHT_SD_M, right / _HEIGHT_SD_M
+    fixed[len(x) : -3, 3], fixed[len(x) : -3, 4] = (1.0 - right) / _TILT_SD_RAD, right / _TILT_SD_RAD
+    fixed[-3:, 2:] = np.diag([1.0 / _BIAS_SD_M, 1.0 / _BIAS_SD_RAD, 1.0 / _BIAS_SD_RAD])
+
+    def solve(begins: Array, ends: Array) -> tuple[Array, Array]:
+        """(G, 5) values and (G,) costs of ramps that begin and end at (G,) m."""
+        A = np.tile(fixed, (len(begins), 1, 1))
+        A[:, : len(x), 1] = (np.clip(x, begins[:, None], ends[:, None]) - begins[:, None]) / _HEIGHT_SD_M
+        is_on = (x > begins[:, None]) & (x < ends[:, None])
+        A[:, len(x) : -3, 1] = is_on * np.cos(yaw) / _TILT_SD_RAD
+        A_t = np.swapaxes(A, 1, 2)
+        values = np.linalg.solve(A_t @ A + 1e-9 * np.eye(5), (A_t @ target)[..., None])[..., 0]
+        errors = (A @ values[..., None])[..., 0] - target
+        return values, np.sum(errors**2, axis=1) + 1e-3 * (ends - begins)  # the shorter of two that fit alike
+
+    places = np.linspace(x.min() - _AROUND_SOLE_M, x.max() + _AROUND_SOLE_M, _RAMP_STEPS)
+    step = float(places[1] - places[0])
+    begins, ends = (grid.ravel() for grid in np.meshgrid(places, places, indexing="ij"))
+    while True:
+        is_long = ends - begins >= _SHORTEST_RAMP_M
+        begins, ends = begins[is_long], ends[is_long]
+        values, costs = solve(begins, ends)
+        best = int(np.argmin(costs))
+        if step < _FINE_RAMP_M:
+            break
+        offsets = np.linspace(-step, step, 9)
+        begins, ends = (
+            grid.ravel() for grid in np.meshgrid(begins[best] + offsets, ends[best] + offsets, indexing="ij")
+        )
+        step = float(offsets[1] - offsets[0])
+    begin, end, slope = float(begins[best]), float(ends[best]), float(values[best, 1])
+    if abs(np.arctan(slope)) > _STEEPEST_RAD or abs(slope) * (end - begin) < _LOWEST_RAMP_M:
+        return None
+    # where no rest is beyond an end, the ramp goes on under the whole sole
+    if not (x < begin).any():
+        begin = float(x.min()) - shoe.toe_tip_x - _AROUND_SOLE_M
+    if not (x > end).any():
+        end = float(x.max()) + shoe.toe_tip_x + _AROUND_SOLE_M
+    return _RampFit(begin=begin, end=end, slope=slope, cost=float(costs[best]))
+
+
+def _tilt_errors(rests: Sequence[FootRest], levels: Array, z: Array) -> float:
+    """Squared errors, in standard deviations, of soles on levels: of their tilts, heights and of unlikely risers.
+
+    Args:
+        rests: Flat rests.
+        levels: (G,) m, heights of the levels in walking order.
+        z: (K,) m, heights of the rests.
+    """
+    cost = float(np.sum((np.min(np.abs(z[:, None] - levels), axis=1) / _HEIGHT_SD_M) ** 2))
+    for side in ("l", "r"):
+        tilts = np.array([rest.tilt for rest in rests if rest.side == side])
+        if len(tilts):  # with a common tilt, whose scatter is that of soles
+            share = len(tilts) / _TILT_SD_RAD**2
+            common = share * tilts.mean() / (share + _BIAS_SD_RAD**-2)
+            cost += float(np.sum(((tilts - common) / _TILT_SD_RAD) ** 2)) + (common / _BIAS_SD_RAD) ** 2
+    risers = np.abs(np.diff(levels))
+    return cost + float(np.sum((np.maximum(_UNLIKELY_RISER_M - risers, 0.0) / _UNLIKELY_SD_M) ** 2))
+
+
+def _lay_ramp(ramp: _RampFit, stances: Sequence[FootRest], tracks: Sequence[FootTrack], shoe: Shoe) -> Ground:
+    """The ground of stances on a ramp between two levels."""
+    begin = max(ramp.begin, 0.05)  # the route begins with a level
+    x = np.array([s.p[0] for s in stances])
+    middle = x + 0.5 * (shoe.heel_back_x + shoe.toe_hinge_x) * np.cos([s.yaw for s in stances])
+    is_on = (middle > begin) & (middle < ramp.end)
+    slopes = np.where(is_on, np.arctan(ramp.slope), 0.0)
+    heights = ramp.slope * (np.where(is_on, x, np.clip(middle, begin, ramp.end)) - begin)
+    recorded = np.array([s.p[2] for s in stances]) + np.tan(slopes) * (x - middle)
+    flat = np.array([s.flat is not None for s in stances])
+    lift = float(np.median((heights - recorded)[flat]))
+    # a foot that never lies flat, and is not at the height of the ground, has not landed
+    heights[~flat & (np.abs(recorded + lift - heights) > _UNLIKELY_SD_M)] = np.nan
+    reach = max(float(np.max([t.p[:, 0].max() for t in tracks])), 0.0) + _BEYOND_M
+    width = max(_MIN_WIDTH_M, 2 * (float(np.max(np.abs([s.p[1] for s in stances]))) + _BESIDE_M))
+    angle = float(np.arctan(abs(ramp.slope)))
+    segments: tuple[Segment, ...] = (
+        Level(length_m=begin),
+        Ramp(angle_rad=angle, rise_m=abs(ramp.slope) * (ramp.end - begin), down=ramp.slope < 0.0),
+        Level(length_m=max(0.6, reach - ramp.end)),
+    )
+    return Ground(
+        route=Route(segments=segments, width_m=width),
+        heights=heights,
+        slopes=slopes,
+        riser_mm=(),
+        tread_mm=(),
+        ramp_deg=float(np.degrees(np.arctan(ramp.slope))),
+        lift_m=lift,
     )
 
 

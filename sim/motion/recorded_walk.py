@@ -87,7 +87,9 @@ def make_recorded_walk(fitted: FittedWalk, model: mujoco.MjModel, size: Wearer, 
         ahead = track.R[:, :, 0]
         pitch = np.arcsin(np.clip(-ahead[:, 2], -1.0, 1.0)) + slope * ahead[:, 0]
         pitches[track.side] = pitch
-        centres = _pressure_centres(track, [fitted.rests[i] for i in numbers], pitch, heights[numbers], size.shoe)
+        centres = _pressure_centres(
+            track, [fitted.rests[i] for i in numbers], pitch, heights[numbers], slopes[numbers], size.shoe
+        )
         columns += [shares[track.side][:, None], centres]
     way = terrain.layout.way
     return RecordedWalk(
@@ -156,12 +158,14 @@ def _slope_over_time(rests: Sequence[FootRest], own: Sequence[int], slopes: Arra
     return slope
 
 
-def _pressure_centres(track: FootTrack, rests: Sequence[FootRest], pitch: Array, heights: Array, shoe: Shoe) -> Array:
+def _pressure_centres(
+    track: FootTrack, rests: Sequence[FootRest], pitch: Array, heights: Array, slopes: Array, shoe: Shoe
+) -> Array:
     """(N, 3) m, centre of pressure under one foot: from the heel to the ball, where the sole touches the ground."""
     n = len(pitch)
     along = np.full(n, 0.5 * shoe.toe_hinge_x)
     level = np.full(n, np.nan)
-    for rest, height in zip(rests, heights):
+    for rest, height, slope in zip(rests, heights, slopes):
         begin, end = rest.ground
         rows = slice(begin, end)
         share = (np.arange(begin, end) - begin) / max(1, end - begin)
@@ -170,7 +174,9 @@ def _pressure_centres(track: FootTrack, rests: Sequence[FootRest], pitch: Array,
         heel, ball = shoe.heel_back_x + 0.003, 1.03 * shoe.toe_hinge_x
         travel += (np.maximum(travel, ball) - travel) * ease(pitch[rows] / _FLAT_RAD)
         travel += (heel - travel) * ease(-pitch[rows] / _FLAT_RAD)
-        along[rows], level[rows] = np.clip(travel, heel, shoe.flat_tip_x), height
+        along[rows] = np.clip(travel, heel, shoe.flat_tip_x)
+        ahead = track.p[rows, 0] + track.R[rows, 0, 0] * along[rows] - rest.p[0]
+        level[rows] = height + np.tan(slope) * ahead
     known = np.flatnonzero(np.isfinite(level))
     rows_all = np.arange(n)
     along = np.interp(rows_all, known, along[known])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stridetwin.scenarios.scenario_file import scenario_of
-from stridetwin.sim.config import Level, Motion, Person, Route, TwinConfig
+from stridetwin.sim.config import Level, Motion, Person, Ramp, Route, Stairs, TwinConfig
 from stridetwin.sim.motion.feet import sole_points
 from stridetwin.sim.motion.fit import FittedWalk, fit_markers, track_feet
 from stridetwin.sim.motion.ik import PointSet, calibrate, solve_coordinates
@@ -22,6 +22,7 @@ from stridetwin.sim.twin import Twin
 from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.errors import ConfigError
 from tests.mocap import MOCAP, needs_mocap
+from tests.motion_files import PERSON, plan_walk, write_trc
 
 _PERSON = Person(height_m=1.75)
 
@@ -191,6 +192,47 @@ def test_stairs_are_found() -> None:
     walk = _fit("stair_up")
     np.testing.assert_allclose(walk.ground.riser_mm, [168, 166, 163, 161], atol=5)
     np.testing.assert_allclose(walk.ground.tread_mm, [295], atol=25)
+
+
+@pytest.mark.parametrize(("slope_deg", "down"), [(3.0, False), (5.0, True), (8.0, False)])
+def test_ramps_are_found(tmp_path: Path, slope_deg: float, down: bool) -> None:
+    """Markers of a planned walk over a ramp between two levels give the ramp back, and soles lie on it."""
+    ramp = Ramp(angle_rad=np.radians(slope_deg), rise_m=0.3, down=down)
+    write_trc(tmp_path / "walk.trc", plan_walk((Level(length_m=1.5), ramp, Level(length_m=1.5))), 1)
+    walk = fit_markers(read_trc(tmp_path / "walk.trc"), PERSON)
+    assert [type(segment) for segment in walk.ground.route.segments] == [Level, Ramp, Level]
+    found = walk.ground.route.segments[1]
+    assert isinstance(found, Ramp)
+    assert np.degrees(found.angle_rad) == pytest.approx(slope_deg, abs=0.5)
+    assert found.rise_m == pytest.approx(0.3, abs=0.01)
+    assert found.down == down
+    terrain, shoe = Terrain.from_route(walk.ground.route), walk.skeleton.size.shoe
+    for track in track_feet(walk.skeleton, walk.x):
+        corners = sole_points(track, shoe)
+        depth = np.max(terrain.height(corners[..., :2]) - corners[..., 2], axis=1)
+        assert depth.max() < 0.005
+    given = fit_markers(read_trc(tmp_path / "walk.trc"), PERSON, route=walk.ground.route)
+    np.testing.assert_allclose(given.ground.slopes, walk.ground.slopes, atol=1e-3)
+    np.testing.assert_allclose(given.x, walk.x, atol=0.01)
+
+
+def test_ramp_is_found_from_its_middle(tmp_path: Path) -> None:
+    """A recording that never leaves the ramp has its slope from the heights of its rests."""
+    ramp = Ramp(angle_rad=np.radians(5.0), rise_m=0.45)
+    write_trc(tmp_path / "walk.trc", plan_walk((Level(length_m=1.5), ramp, Level(length_m=1.5))), 1)
+    table = read_trc(tmp_path / "walk.trc")
+    rows = np.flatnonzero((table.x[:, 0, 0] > 2.2) & (table.x[:, 0, 0] < 6.0))
+    walk = fit_markers(replace(table, t=table.t[rows], x=table.x[rows] + [0.0, 0.0, 0.4]), PERSON)
+    assert walk.ground.ramp_deg == pytest.approx(5.0, abs=0.5)
+
+
+@pytest.mark.parametrize(("risers", "riser_m"), [(1, 0.12), (3, 0.10)])
+def test_low_steps_are_no_ramp(tmp_path: Path, risers: int, riser_m: float) -> None:
+    steps = Stairs(risers=risers, riser_m=riser_m, tread_m=0.4)
+    write_trc(tmp_path / "walk.trc", plan_walk((Level(length_m=1.5), steps, Level(length_m=1.5))), 2)
+    walk = fit_markers(read_trc(tmp_path / "walk.trc"), PERSON)
+    assert walk.ground.ramp_deg is None
+    np.testing.assert_allclose(walk.ground.riser_mm, 1e3 * riser_m, atol=3.0)
 
 
 @needs_mocap
