@@ -26,6 +26,10 @@ from stridetwin.streams.algebra.arrays import cross, from_quaternion
 from stridetwin.streams.samples import Array
 
 LIFTED_SHARE = 1e-3  # share of the load below which a foot counts as lifted
+# How the load of two feet follows what the motion needs: the centres of pressure move by about `_COP_SD_M`, the shares
+# by about `_SHARE_SD` where both feet bear half, and never fall by more than the share `_MOST_OF_SHARE`. By hand: a
+# centre of pressure leaves the sole within millimetres of where feet land and leave, a load can move at any time
+_COP_SD_M, _SHARE_SD, _MOST_OF_SHARE = 0.010, 0.10, 0.8
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,8 +59,9 @@ def split_wrench(
 ) -> tuple[dict[str, FootLoad], Array, Array]:
     """Splits the total wrench of the ground between the two feet.
 
-    Each foot takes its share of the force. The centres of pressure are the planned ones, both translated equally in the
-    plane so that their weighted mean is the zero-moment point; the moment about the vertical is shared like the force.
+    The weighted mean of the centres of pressure is the zero-moment point. Where it is not the planned one, load moves
+    from foot to foot, and the centres of pressure are translated equally in the plane, by what is least relative to
+    what each may change (`_move_load`). The moment about the vertical is shared like the force.
 
     Args:
         force: (N, 3) total force of the ground, world, N.
@@ -83,6 +88,8 @@ def split_wrench(
     shift = np.column_stack([x, y, middle[:, 2]]) - middle  # from the planned mean to the zero-moment point (x, y)
     shift[flight] = 0.0
     twist = torque - cross(middle + shift - origin, force)  # what remains of the moment there, about the vertical
+    if len(shares) == 2:
+        shares, shift = _move_load(shares, planned, shift, force / lift[:, None])
     loads, residual_force, residual_torque = {}, force.copy(), torque.copy()
     for foot, share in shares.items():
         foot_force = share[:, None] * force
@@ -95,6 +102,32 @@ def split_wrench(
         residual_force -= foot_force
         residual_torque -= cross(cop - origin, foot_force) + free
     return loads, residual_force, residual_torque
+
+
+def _move_load(
+    shares: dict[str, Array], planned: dict[str, Array], shift: Array, direction: Array
+) -> tuple[dict[str, Array], Array]:
+    """Shares of the load by foot, and (N, 3) m, what is left for the centres of pressure of a wanted shift.
+
+    With the planned centres of pressure apart by d, a change δ of the shares moves their mean by δ d, along the force
+    back to its height by δ d'. Of all δ d' + r = `shift`, along d', the one with the least (δ / σ_δ)² + (|r| / σ_r)² is
+    taken; σ_δ vanishes with either share.
+
+    Args:
+        shares: (N,) by foot, of two feet.
+        planned: (N, 3) m, planned centres of pressure by foot, world.
+        shift: (N, 3) m, from their mean to the zero-moment point, level.
+        direction: (N, 3) force of the ground, relative to its vertical part.
+    """
+    (first, a), (second, b) = shares.items()
+    apart = planned[first] - planned[second]
+    apart = apart - apart[:, 2:] * direction
+    apart[:, 2] = 0.0
+    share_sd = 2.0 * _SHARE_SD * np.sqrt(a * b)
+    along = np.einsum("ni,ni->n", shift, apart)
+    moved = along * share_sd**2 / (_COP_SD_M**2 + (apart**2).sum(1) * share_sd**2)
+    moved = np.clip(moved, -_MOST_OF_SHARE * a, _MOST_OF_SHARE * b)
+    return {first: a + moved, second: b - moved}, shift - moved[:, None] * apart
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
