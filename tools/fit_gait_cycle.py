@@ -47,7 +47,7 @@ START = {
         pitch=np.array([0.728, 1.07, 0.922, 0.703, 0.328, -0.0438, -0.165, -0.314, -0.165]),
         travel=np.array([-0.27, -0.0864, 0.164, 0.139, 0.883, 1.38, 1.27, 1.16]),
         height=np.array([0.979, -0.0108, -0.00575, -0.000311, 0.000413, 0.000482, -0.000393]),
-        forward=np.array([0.149, -0.36, -0.0831, 0.0691, 0.957]),
+        forward=np.array([0.149, -0.36, -0.0831, 0.0691, 0.957, 0.0, 0.0]),
         lift=np.array([0.024, 0.0479, -0.0959, -0.186, 0.72]),
         tilt=0.146,
     ),
@@ -60,7 +60,7 @@ START = {
         pitch=np.array([0.867, 1.41, 1.16, 0.915, 0.49, 0.0585, -0.147, -0.506, -0.224]),
         travel=np.array([-0.267, -0.111, 0.21, 0.502, 1.39, 1.42, 1.42, 1.14]),
         height=np.array([0.966, -0.0113, -0.00822, 0.000254, 0.00126, 0.000257, -0.00011]),
-        forward=np.array([0.1, -0.454, -0.168, -0.06, 0.922]),
+        forward=np.array([0.1, -0.454, -0.168, -0.06, 0.922, 0.0, 0.0]),
         lift=np.array([0.024, 0.00401, 0.0412, -0.39, 0.831]),
         tilt=0.163,
     ),
@@ -72,15 +72,19 @@ _PACE_OF_WHOLE_NORM = 0.2  # people who walk more slowly use part of the slowest
 # Feet: those of `dual_foot_walk` (`benchmarks.people_feet`). The quickest toe-off, the quickest turn in swing, the
 # quickest lowering of the sole and the hardest braking in the air
 _RECORDED_PACE = 0.43
-_TOE_OFF_RADPS, _SWING_RATE_RADPS, _SLAP_RADPS, _BRAKING_MPS2 = 9.6, 6.7, 4.8, 29.0
+_TOE_OFF_RADPS, _SWING_RATE_RADPS, _SLAP_RADPS, _BRAKING_MPS2 = 9.15, 6.7, 4.6, 27.0
+_LANDING_MPS = 1.22  # of the heel, `_LANDING_S` before touch-down
+_LANDING_S = 0.02
 # Rise and fall of the pelvis by speed, leg lengths. `opencap_walking` rises by 47 mm with steps of 0.70 m; the twin's
 # steps at its speed are shorter, 0.66 m, and quicker: 40 mm, with nearly the same ground reaction. Up to 0.43, about
 # as the squared step; faster, less than people: more takes the load in the middle of stance below the norms
 _RISE = (0.0, 0.24, 0.33, 0.38, 0.43, 0.48, 0.55), (0.004, 0.0260, 0.032, 0.0365, 0.0463, 0.0450, 0.041)
 # Weights: of the rise relative to the wanted one, of an angle beyond `_INNER_SD`, and of a hip's moment beyond
 # `_HIP_MOMENT_NM_KG`. A heavier moment makes toe-offs quicker than the recorded ones
-_RISE_WEIGHT, _ANGLE_WEIGHT, _HIP_WEIGHT = 100.0, 25.0, 10.0
+_RISE_WEIGHT, _ANGLE_WEIGHT, _HIP_WEIGHT = 100.0, 25.0, 30.0
 _INNER_SD, _HIP_MOMENT_NM_KG = 0.7, 1.3
+_OUTER_SD, _OUTER_WEIGHT, _BRAKING_WEIGHT = 0.95, 60.0, 100.0
+_LEAST_VALLEY = (0.33, 0.43, 0.55), (0.78, 0.65, 0.57)
 _SIGMA = {
     "double_support": 0.006,
     "transfer": 0.06,
@@ -146,8 +150,8 @@ def residuals(cycle: Cycle, style: Style, pace: float) -> Array:
     for joint, quantity in _ANGLES.items():
         mean, sd = norm(pace, quantity)
         away = (cycle.angles_deg[joint] - mean) / (sd * loose)
-        beyond = [np.maximum(np.abs(away) - limit, 0.0) for limit in (_INNER_SD, 1.5)]
-        parts += [0.6 * away, _ANGLE_WEIGHT * beyond[0], 10.0 * beyond[1]]
+        beyond = [np.maximum(np.abs(away) - limit, 0.0) for limit in (_INNER_SD, _OUTER_SD)]
+        parts += [0.6 * away, _ANGLE_WEIGHT * beyond[0], _OUTER_WEIGHT * beyond[1]]
     for joint, quantity in _MOMENTS.items():
         mean, sd = norm(pace, quantity)
         away = (cycle.moments[joint] - mean) / (sd * loose)
@@ -163,8 +167,11 @@ def residuals(cycle: Cycle, style: Style, pace: float) -> Array:
     parts += [0.6 * away, 1.5 * np.maximum(np.abs(away) - 1.2, 0.0)]
     stance = np.arange(SAMPLES) / SAMPLES / ((1 + float(style.double_support)) / 2)
     valley = (stance > 0.42) & (stance < 0.58)
-    parts.append(90.0 * np.maximum(cycle.load - 1.16, 0.0))
+    parts.append(150.0 * np.maximum(cycle.load - 1.16, 0.0))
+    floor = float(np.interp(pace, *_LEAST_VALLEY))
     parts.append(60.0 * np.where(valley, np.maximum(cycle.load - 0.87, 0.0), 0.0))
+    inner = (stance > 0.25) & (stance < 0.75)
+    parts.append(200.0 * np.where(inner, np.maximum(floor - cycle.load, 0.0), 0.0))
     bend = np.diff(cycle.total, n=2, append=cycle.total[:2]) * SAMPLES**2 / 4e3
     parts.append(0.25 * bend)
     # the reach is linear where the angle of a straight knee is not
@@ -182,11 +189,19 @@ def residuals(cycle: Cycle, style: Style, pace: float) -> Array:
     down = -cycle.pitch_rate.min() / (_SWING_RATE_RADPS * (pace / _RECORDED_PACE) ** 0.6)
     slap = cycle.pitch_rate[: SAMPLES // 10].max() / (_SLAP_RADPS * pace / _RECORDED_PACE)
     parts.append(np.array([4.0 * max(fastest - 3.6, 0.0), 300.0 * max(quick - 1.0, 0.0)]))
-    parts.append(np.array([60.0 * max(down - 1.0, 0.0), 30.0 * max(slap - 1.0, 0.0)]))
+    parts.append(np.array([60.0 * max(down - 1.0, 0.0), 60.0 * max(slap - 1.0, 0.0)]))
+    before = np.interp(
+        1.0 - _LANDING_S / cycle.stride_s,
+        np.arange(SAMPLES + 1) / SAMPLES,
+        np.append(cycle.heel_speed, cycle.heel_speed[0]),
+    )
+    parts.append(np.array([150.0 * max(before / (_LANDING_MPS * pace / _RECORDED_PACE) - 1.0, 0.0)]))
     # until the heel strikes
     hard = cycle.heel_acceleration / (_BRAKING_MPS2 * pace / _RECORDED_PACE)
     swinging = (share > 0.05) & (share < 0.93)
-    parts += [np.where(swinging, gain * x, 0.0) for gain, x in ((5.0, hard), (40.0, np.maximum(hard - 1.0, 0.0)))]
+    parts += [
+        np.where(swinging, gain * x, 0.0) for gain, x in ((5.0, hard), (_BRAKING_WEIGHT, np.maximum(hard - 1.0, 0.0)))
+    ]
     return np.concatenate(parts)
 
 

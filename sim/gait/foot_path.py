@@ -485,8 +485,8 @@ def _swing_shape(style: Style, s: Array, base: Array) -> Array:
         s: (N,) shares of swing, 0-1.
         base: (3, 3) rotation of the footprint that the foot reaches.
     """
-    powers = np.vander(2 * s - 1, len(style.forward), increasing=True).T
-    ahead, above = style.forward @ powers, style.lift @ powers
+    powers = np.vander(2 * s - 1, max(len(style.forward), len(style.lift)), increasing=True).T
+    ahead, above = style.forward @ powers[: len(style.forward)], style.lift @ powers[: len(style.lift)]
     local = np.stack([ahead, np.zeros_like(s), above], -1) * bump(s)[:, None]
     return local @ base.T
 

@@ -23,7 +23,7 @@ _SETTLED_M = 1e-5  # change of the height at which the iteration of `fit_pelvis_
 # On the level it is that of people's straightest knees, 5-8° in the norms; with less, the centre of pressure leaves the
 # sole more often. Off the level it is larger: down stairs people land on a bent knee; uphill, a nearly straight rear
 # leg would have to bend at hundreds of rad/s² as soon as its foot leaves, and the other foot would slip.
-_MIN_KNEE_RAD = np.radians(6.5)  # determines the height of the pelvis on the level
+_MIN_KNEE_RAD = np.radians(4.0)  # determines the height of the pelvis on the level
 HARD_MIN_KNEE_RAD = np.radians(1.5)  # to which the legs may straighten
 _KNEE_DOWNSTAIRS_RAD = np.radians(16.0)  # least flexion at the landing on a tread, downstairs
 _KNEE_UPSTAIRS_RAD = np.radians(11.0)  # least flexion upstairs

@@ -38,7 +38,7 @@ class Style:
         pitch: (9,) pitch of the foot at `SWING_KNOTS`, rad, toes down positive.
         travel: (8,) centre of pressure at `TRAVEL_KNOTS`, as a share of the toe hinge's x.
         height: (7,) pelvis height in leg lengths: mean, then cosine and sine of the first three harmonics of the step.
-        forward: (5,) polynomial of the swing foot's forward offset from its smooth path, in leg lengths.
+        forward: (7,) polynomial of the swing foot's forward offset from its smooth path, in leg lengths.
         lift: (5,) polynomial of its height above that path, in leg lengths.
         tilt: Anterior pelvis tilt, rad.
     """
@@ -76,7 +76,7 @@ SIZES = {
     "pitch": 9,
     "travel": 8,
     "height": 7,
-    "forward": 5,
+    "forward": 7,
     "lift": 5,
     "tilt": 1,
 }
