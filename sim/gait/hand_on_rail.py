@@ -31,6 +31,7 @@ _PLACE_SMOOTHING_S = 0.15  # SD of the filter of the place of the hand along the
 _REACH_SHARE = 0.985  # of the straight arm: a bent elbow
 _SOFT_M = 0.008  # distance within which the reach ends softly
 _GAP_M = 0.03  # a rail farther from the palm is out of reach
+_NEAREST_M = 0.22  # least distance from the middle of the pelvis
 _HELD = 0.999  # share of holding from which the palm is on the rail
 
 
@@ -97,6 +98,9 @@ def hold_rails(
         p_pelvis: (N, 3) m, pelvis in the world.
         t: (N,) uniform s.
 
+    Raises:
+        ConfigError: The walker does not pass a rail, or runs into it.
+
     Returns:
         The posture; (acts,) m, largest distance from the palm to its rail while it is held.
     """
@@ -124,6 +128,10 @@ def hold_rails(
         )
         shoulder = p_pelvis + R_pelvis @ arm.p_torso_in_pelvis + R_torso @ arm.p_shoulder_in_torso
         beside = smooth_gaussian(rail.layout.way.project(shoulder[:, :2]), _PLACE_SMOOTHING_S, dt)
+        near = np.linalg.norm((rail.points(beside) - p_pelvis)[held > _HELD, :2], axis=1).min(initial=np.inf)
+        if near < _NEAREST_M:
+            valid = f"farther: the walker comes as near to the rail as {1e3 * near:.0f} mm"
+            raise ConfigError("gait", "acts.away_m", act.away_m, valid)
         target = rail.points(beside + _hand_ahead(arm, rail, beside, shoulder, dt))
         r = np.einsum("nji,nj->ni", R_torso, target - shoulder)
         angles = dict(zip(("shoulder_flexion", "shoulder_abduction", "elbow_flexion"), arm.solve(r)))
