@@ -224,22 +224,25 @@ def test_ground_never_presses_with_much_more_than_the_body_weighs() -> None:
     """At 1.3 m/s people's feet press with up to 1.25 body weights; the plan asks for 1.8 at its last landing."""
     twin = make((Level(length_m=6.0),), seed=2, speed_mps=1.3)
     walk = twin.walk
-    assert isinstance(walk, SimulatedWalk) and walk.fell_at is None
+    assert isinstance(walk, SimulatedWalk)
+    assert walk.fell_at is None
     steady = (walk.t > 0.4) & (walk.t < walk.duration_s - 0.4)
     lift = walk.loads.force[steady, :, 2].sum(axis=1) / (9.81 * twin.total_mass_kg)
     assert 1.2 < lift.max() < 1.6
 
 
 def test_load_leaves_the_heel_before_the_heel_leaves_the_ground(twin: Twin) -> None:
-    """At the last instant at which heel and ball may bear force, force at the heel is dearest, and grows so smoothly."""
+    """Until the plan lifts the heel, force at the heel becomes ever dearer, smoothly."""
     feet, found = twin.control_plan.feet, 0
     for k in range(2):
         whole = feet.touching[:, k].all(axis=1) & ~feet.swinging[:, k]
         ball_alone = feet.touching[:, k, HEEL_POINTS:].all(axis=1) & ~feet.touching[:, k, :HEEL_POINTS].any(axis=1)
         for i in np.flatnonzero(whole[:-1] & ball_alone[1:]):
             weight = feet.force_weight[i - 40 : i + 1, k, 0]
-            assert (np.diff(weight) >= 0.0).all() and (np.diff(np.log(weight)) < 0.3).all()
-            assert weight[0] == 1.0 and weight[-1] == pytest.approx(30.0)
+            assert (np.diff(weight) >= 0.0).all()
+            assert (np.diff(np.log(weight)) < 0.3).all()
+            assert weight[0] == 1.0
+            assert weight[-1] == pytest.approx(30.0)
             found += 1
     assert found > 5
 
