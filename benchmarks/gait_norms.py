@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 from markupsafe import Markup
+from scipy.signal import butter, sosfiltfilt
 
 from stridetwin.pages.html import multiples, page, section
 from stridetwin.pages.plot import Plot, data_range
@@ -81,6 +82,7 @@ _RATE_HZ, _EDGE_STEPS = 200, 5
 _LOADED_BW = 0.05
 _BEYOND = 0.03  # of the shoe's length: tolerance of the centre of pressure beyond its ends, 8 mm
 _IMU_IN_FOOT_M = (-0.045, 0.0, 0.05)
+_LABORATORY_HZ = 10.0  # low pass of the moments that are compared as laboratories do, which filter at 6 to 10 Hz
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,13 +155,14 @@ def level_case(twin: Twin, labels: dict[str, str | float]) -> Case:
     strides = {side: Strides(twin.walk.steps[side], t_ns * 1e-9) for side in SIDES}
     speed = float(np.mean([s.speed() for s in strides.values()]))
     group = speed_group(speed, NORM_LEG * (body.thigh_m + body.shank_m + body.ankle_height_m))
-    curves = {}
+    curves, filtered = {}, {}
     for joint, name in ANGLES.items():
         curves[f"{name}_deg"] = _both(strides, {s: np.degrees(motion.angle[f"{name}_{s}"]) for s in SIDES})
         if joint == "ankle":
             curves[f"{name}_deg"] -= SHOE_DROP_DEG
         torque = {s: -loads.joint_torque[:, names.index(f"{name}_{s}")] / mass for s in SIDES}
         curves[MOMENTS[joint]] = _both(strides, torque)
+        filtered[joint] = _both(strides, {s: _low_pass(x) for s, x in torque.items()})
     curves |= _pelvis(strides, from_quaternion(motion.tracks["pelvis"].q_world_body))
     curves["vertical_force_bw"] = _both(
         strides, {s: loads.feet[s].force[:, 2] / (mass * NOMINAL_GRAVITY_MPS2) for s in SIDES}
@@ -181,10 +184,16 @@ def level_case(twin: Twin, labels: dict[str, str | float]) -> Case:
         for sd in (2.0, 3.0):
             row[f"{joint}_moment_{sd:.0f}sd_pct"] = inside(curves[quantity], group, quantity, sd)
         row[f"{joint}_moment_max_Nm_kg"] = float(np.abs(curves[quantity]).max())
+        row[f"{joint}_moment_filtered_max_Nm_kg"] = float(np.abs(filtered[joint]).max())
     for quantity in PELVIS:
         for sd in (2.0, 3.0):
             row[quantity.replace("_deg", f"_{sd:.0f}sd_pct")] = inside(curves[quantity], group, quantity, sd)
     return Case(labels=labels, figures=row, curves=curves, group=group)
+
+
+def _low_pass(x: Array) -> Array:
+    """(N,) values at `_RATE_HZ` without what is faster than `_LABORATORY_HZ`, without delay."""
+    return np.asarray(sosfiltfilt(butter(2, _LABORATORY_HZ, fs=_RATE_HZ, output="sos"), x))
 
 
 def _both(strides: Mapping[str, Strides], signals: Mapping[str, Array]) -> Array:

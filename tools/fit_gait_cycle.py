@@ -71,9 +71,9 @@ _PASSING = 2.0  # the norm changes from one group's to the next in the middle ha
 _PACE_OF_WHOLE_NORM = 0.2  # people who walk more slowly use part of the slowest group's range
 # Feet: those of `dual_foot_walk` (`benchmarks.people_feet`). The quickest toe-off, the quickest turn in swing, the
 # quickest lowering of the sole and the hardest braking in the air
-_RECORDED_PACE = 0.43
+_RECORDED_PACE, _RECORDED_LEG_M = 0.43, 0.93
 _TOE_OFF_RADPS, _SWING_RATE_RADPS, _SLAP_RADPS, _BRAKING_MPS2 = 9.15, 6.7, 4.6, 27.0
-_LANDING_MPS = 1.22  # of the heel, `_LANDING_S` before touch-down
+_LANDING_MPS = 1.18  # of the heel, `_LANDING_S` before touch-down
 _LANDING_S = 0.02
 # Rise and fall of the pelvis by speed, leg lengths. `opencap_walking` rises by 47 mm with steps of 0.70 m; the twin's
 # steps at its speed are shorter, 0.66 m, and quicker: 40 mm, with nearly the same ground reaction. Up to 0.43, about
@@ -81,9 +81,9 @@ _LANDING_S = 0.02
 _RISE = (0.0, 0.24, 0.33, 0.38, 0.43, 0.48, 0.55), (0.004, 0.0260, 0.032, 0.0365, 0.0463, 0.0450, 0.041)
 # Weights: of the rise relative to the wanted one, of an angle beyond `_INNER_SD`, and of a hip's moment beyond
 # `_HIP_MOMENT_NM_KG`. A heavier moment makes toe-offs quicker than the recorded ones
-_RISE_WEIGHT, _ANGLE_WEIGHT, _HIP_WEIGHT = 100.0, 25.0, 30.0
+_RISE_WEIGHT, _ANGLE_WEIGHT, _HIP_WEIGHT = 100.0, 25.0, 45.0
 _INNER_SD, _HIP_MOMENT_NM_KG = 0.7, 1.3
-_OUTER_SD, _OUTER_WEIGHT, _BRAKING_WEIGHT = 0.95, 60.0, 100.0
+_OUTER_SD, _OUTER_WEIGHT, _BRAKING_WEIGHT = 0.95, 40.0, 100.0
 _LEAST_VALLEY = (0.33, 0.43, 0.55), (0.78, 0.65, 0.57)
 _SIGMA = {
     "double_support": 0.006,
@@ -185,17 +185,28 @@ def residuals(cycle: Cycle, style: Style, pace: float) -> Array:
     parts.append(np.where(middle, 200.0 * np.maximum(cycle.sole - 0.035, 0.0), 0.0))
     parts.append(np.where(early, 100.0 * np.maximum(cycle.sole - 0.055, 0.0), 0.0))
     fastest = cycle.heel_speed.max() / (pace * np.sqrt(NOMINAL_GRAVITY_MPS2))
-    quick = cycle.pitch_rate.max() / (_TOE_OFF_RADPS * (pace / _RECORDED_PACE) ** 0.6)
-    down = -cycle.pitch_rate.min() / (_SWING_RATE_RADPS * (pace / _RECORDED_PACE) ** 0.6)
-    slap = cycle.pitch_rate[: SAMPLES // 10].max() / (_SLAP_RADPS * pace / _RECORDED_PACE)
-    parts.append(np.array([4.0 * max(fastest - 3.6, 0.0), 300.0 * max(quick - 1.0, 0.0)]))
+    # rates at an equal pace are in inverse proportion to the root of the leg's length
+    rate = cycle.pitch_rate * np.sqrt(cycle.leg_m / _RECORDED_LEG_M)
+    quick = rate.max() / (_TOE_OFF_RADPS * (pace / _RECORDED_PACE) ** 0.6)
+    down = -rate.min() / (_SWING_RATE_RADPS * (pace / _RECORDED_PACE) ** 0.6)
+    slap = rate[: SAMPLES // 10].max() / (_SLAP_RADPS * pace / _RECORDED_PACE)
+    parts.append(np.array([4.0 * max(fastest - 3.6, 0.0), 500.0 * max(quick - 1.0, 0.0)]))
     parts.append(np.array([60.0 * max(down - 1.0, 0.0), 60.0 * max(slap - 1.0, 0.0)]))
     before = np.interp(
         1.0 - _LANDING_S / cycle.stride_s,
         np.arange(SAMPLES + 1) / SAMPLES,
         np.append(cycle.heel_speed, cycle.heel_speed[0]),
     )
-    parts.append(np.array([150.0 * max(before / (_LANDING_MPS * pace / _RECORDED_PACE) - 1.0, 0.0)]))
+    parts.append(
+        np.array(
+            [
+                250.0
+                * max(
+                    before / (_LANDING_MPS * pace / _RECORDED_PACE * np.sqrt(cycle.leg_m / _RECORDED_LEG_M)) - 1.0, 0.0
+                )
+            ]
+        )
+    )
     # until the heel strikes
     hard = cycle.heel_acceleration / (_BRAKING_MPS2 * pace / _RECORDED_PACE)
     swinging = (share > 0.05) & (share < 0.93)

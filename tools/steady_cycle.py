@@ -32,7 +32,7 @@ SAMPLES = 100  # per stride
 _COM_ABOVE_PELVIS_M = 0.03
 _FIRST = 2  # first step of the evaluated stride
 _GROUND = (Strip(s0=-100.0, s1=100.0, z0=0.0, z1=0.0, terrain="level"),)
-_BENT_RAD = np.radians(7.0)
+_BENT_RAD = np.radians(5.5)
 # a walker without any difference from the mean one, whose steps are all alike
 _MEAN_WALKER = SwayParameters(person_log_sd=0.0, rise_log_sd=0.0, person_phase_deg=0.0, unevenness=0.0, step_sd=0.0)
 
@@ -69,6 +69,7 @@ class Cycle:
         over_ground: (N, 2) pelvis path relative to steady motion, m, to start the next solution from.
         zmp_error: Largest distance of the zero-moment point from the desired one, m.
         stride_s: Duration of the stride.
+        leg_m: Hip centre to sole.
     """
 
     angles_deg: dict[str, Array]
@@ -86,6 +87,7 @@ class Cycle:
     over_ground: Array
     zmp_error: float
     stride_s: float
+    leg_m: float
 
 
 def steady_cycle(
@@ -161,6 +163,7 @@ def steady_cycle(
         over_ground=path,
         zmp_error=float(np.abs(error).max()),
         stride_s=2.0 * step_s,
+        leg_m=walker.leg_m,
     )
 
 
