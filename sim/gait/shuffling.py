@@ -10,9 +10,9 @@ from stridetwin.sim.acts import ShuffleInPlace
 from stridetwin.sim.gait.foot_placement import Foothold
 
 # Chosen by hand.
-_STEP_S = 0.55  # time of one step, on average
-_STEP_LOG_SD = 0.12  # SD of its logarithm
-_ALONG_SD_M, _ASIDE_SD_M, _YAW_SD_RAD = 0.022, 0.012, np.radians(4.0)  # of the places of the feet
+_STEP_S = 0.60  # time of one step, on average
+_STEP_LOG_SD = 0.08  # SD of its logarithm
+_ALONG_SD_M, _ASIDE_SD_M, _YAW_SD_RAD = 0.022, 0.006, np.radians(4.0)  # of the places of the feet
 _LIMIT = 1.5  # of each deviation, in standard deviations
 
 
