@@ -21,6 +21,7 @@ _BEYOND_M = 1.0  # level ground beyond the walk
 _BESIDE_M = 0.7  # ground beside the outermost footprint
 _MIN_WIDTH_M = 2.4
 _STRAIGHT = 0.9  # distance of the ends over the length of the path, of a walk in one direction
+_LONG_FLIGHT = 8  # risers from which the depth of a tread is found more finely
 _TREADS_M = (0.20, 0.55)  # depths of treads that are tried
 _USUAL_RISER_M, _HIGHEST_RISER_M = 0.17, 0.25
 _BUILDERS_STEP_M, _BUILDERS_SD_M = 0.63, 0.03
@@ -397,20 +398,28 @@ def _place_edges(
     deep = np.clip(tops - soles[:, 2:], 0.0, 0.10) ** 2
     summed = np.vstack([np.zeros(len(tops)), np.cumsum(deep, axis=0)])
     margin = parameters.edge_margin_m
-    middle = np.mean(0.5 * (low + high) - number * treads[:, None], axis=1)
-    first = middle[:, None] + np.arange(-0.12, 0.121, 0.005)
-    edges = first[..., None] + number * treads[:, None, None]  # (T, F, E)
-    outside = np.maximum(low - edges, 0.0) + np.maximum(edges - high, 0.0)
-    # narrow ranges count more: an edge may be anywhere in a wide one
-    off = (edges - 0.5 * (low + high)) / (high - low + margin)
-    cost = np.sum((outside / margin) ** 2, axis=2) + np.sum(off**2, axis=2)
-    # Blondel's rule of builders: two risers and a tread are a step of 0.63 m
-    step = 2.0 * abs(float(np.mean(risers))) + treads
-    cost += (((step - _BUILDERS_STEP_M) / _BUILDERS_SD_M) ** 2)[:, None]
-    place = np.searchsorted(soles[:, 0], edges)
-    ends = np.concatenate([place, np.full((*first.shape, 1), len(soles))], axis=2)
-    begins = np.concatenate([np.zeros((*first.shape, 1), dtype=int), place], axis=2)
     step_number = np.arange(len(tops))
-    entered = np.sum(summed[ends, step_number] - summed[begins, step_number], axis=2)
-    cost += _SWING_WEIGHT * entered / margin**2 / len(soles)
-    return np.asarray(edges[np.unravel_index(int(np.argmin(cost)), cost.shape)])
+
+    def place(treads: Array) -> Array:
+        """(E,) m, x of the best edges with one of some depths of treads."""
+        middle = np.mean(0.5 * (low + high) - number * treads[:, None], axis=1)
+        first = middle[:, None] + np.arange(-0.12, 0.121, 0.005)
+        edges = first[..., None] + number * treads[:, None, None]  # (T, F, E)
+        outside = np.maximum(low - edges, 0.0) + np.maximum(edges - high, 0.0)
+        # narrow ranges count more: an edge may be anywhere in a wide one
+        off = (edges - 0.5 * (low + high)) / (high - low + margin)
+        cost = np.sum((outside / margin) ** 2, axis=2) + np.sum(off**2, axis=2)
+        # Blondel's rule of builders: two risers and a tread are a step of 0.63 m
+        builders_step = 2.0 * abs(float(np.mean(risers))) + treads
+        cost += (((builders_step - _BUILDERS_STEP_M) / _BUILDERS_SD_M) ** 2)[:, None]
+        row = np.searchsorted(soles[:, 0], edges)
+        ends = np.concatenate([row, np.full((*first.shape, 1), len(soles))], axis=2)
+        begins = np.concatenate([np.zeros((*first.shape, 1), dtype=int), row], axis=2)
+        entered = np.sum(summed[ends, step_number] - summed[begins, step_number], axis=2)
+        cost += _SWING_WEIGHT * entered / margin**2 / len(soles)
+        return np.asarray(edges[np.unravel_index(int(np.argmin(cost)), cost.shape)])
+
+    edges = place(treads)
+    if len(risers) >= _LONG_FLIGHT:  # errors of the tread add up
+        edges = place(float(edges[1] - edges[0]) + np.arange(-0.005, 0.0051, 0.0002))
+    return edges
