@@ -3,6 +3,7 @@
 import gzip
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -244,6 +245,10 @@ def test_loop_has_no_jump(name: str) -> None:
     own, acceleration = (np.abs(np.diff(w.x, 2, axis=0)).max(0) / w.dt**2 for w in (walk, looped))
     assert (acceleration < 3.0 * own + 5.0).all()
     assert np.ptp(looped.x[:, 0]) > 5.0
+    np.testing.assert_allclose(looped.ground.tread_mm, walk.ground.tread_mm, atol=10.0)
+    for side in ("l", "r"):  # no stance is cut in two where the cycles meet
+        rests = [rest.ground for rest in looped.rests if rest.side == side]
+        assert min(later[0] - before[1] for before, later in pairwise(rests)) * looped.dt > 0.25
 
 
 @needs_mocap
