@@ -127,7 +127,7 @@ def _repeat(
         shift[2] = 0.0  # level ground
     cycle, tail = x[begin:end].copy(), x[end : end + 3].copy()
     pieces, count = [x[:begin]], begin
-    t = np.arange(length) * dt
+    t: Array = np.arange(length, dtype=float) * dt
     settle_s = min(_SETTLE_S, 0.5 * length * dt)
     first = True
     while count < wanted:
