@@ -120,6 +120,10 @@ class Gains:
         max_torque: Joint torque limit, N m.
         max_lift: Vertical force of both feet together, as a share of the body weight, from which on the legs yield:
             tracking then gives way, as a person's knees do.
+        leg_stiffness: Of legs that have yielded, N/m: by it the limit grows with the way that the pelvis is below its
+            plan, so that a body that sinks is caught. By hand: with a person's 14 kN/m (Geyer, Seyfarth & Blickhan
+            2006, Proc. R. Soc. B 273), with 28 and with 60, walkers fall after a misstep of 5 cm.
+        slack_m: The pelvis may be lower than planned by this before that.
         assist_n, assist_nm: Standard deviations of the assist's force and torque, where there is assist.
         max_assist: Limit of its force, as a share of the body weight.
     """
@@ -137,6 +141,8 @@ class Gains:
     foot: FootGains = field(default_factory=FootGains)
     max_torque: float = 400.0
     max_lift: float = 1.4
+    leg_stiffness: float = 120e3
+    slack_m: float = 0.01
     assist_n: float = 20.0
     assist_nm: float = 1.6
     max_assist: float = 0.08
@@ -259,6 +265,7 @@ class Controller:
             touching,
             shift.foot,
             lift,
+            gains.leg_stiffness * max(self._error[2] + shift.root[0, 2] - gains.slack_m, 0.0),
             gains.foot,
         )
         return _limit_torques(
@@ -356,6 +363,7 @@ def _solve_step(
     touching: NDArray[np.bool_],
     foot_shift: Array,
     lift: float,
+    caught: float,
     gains: FootGains,
 ) -> Array:
     """Torques (n,) of the driven coordinates at one instant, from tasks and contacts.
@@ -376,6 +384,7 @@ def _solve_step(
         touching: (2, points) which sole points may bear force.
         foot_shift: (2, 3, 3) shift of each foot, its rate and acceleration.
         lift: N, vertical force that the soles sensed last.
+        caught: N, by which legs that have yielded far press harder than `body.max_lift`.
         gains: Gains and weights of the feet.
     """
     n, per_foot = len(body.driven), body.bodies.shape[1]
@@ -453,7 +462,7 @@ def _solve_step(
     _, torque, forces, _ = solve_control_step(
         A, bias_driven, target, body.weight, Tasks(tasks[:m], targets[:m], weights[:m]), points, body.assist
     )
-    limit = body.max_lift - unforeseen
+    limit = body.max_lift + caught - unforeseen
     if _lift(forces, edges) > limit:
         # the legs yield: the root's vertical row M_z q'' + h_z is the lift, and one more task brings it to its limit
         mass = M[2, 2]  # kg, of the whole body
