@@ -74,8 +74,7 @@ class _Body(NamedTuple):
         force: (2, points, 4) N, forces of the control step before, along the four edges of each point's friction cone
             (`_set_friction_cone`); overwritten at each step.
         assist: (6,) standard deviation of the root's assist, N and N m; 0 for none.
-        max_lift: N, vertical force of both feet together from which on the legs yield.
-        lift: (1,) N, this force in the control step before; overwritten at each step.
+        lift: (1,) N, vertical force of both feet together in the control step before; overwritten at each step.
     """
 
     driven: NDArray[np.int64]
@@ -88,7 +87,6 @@ class _Body(NamedTuple):
     foot_chain: NDArray[np.bool_]
     force: Array
     assist: Array
-    max_lift: float
     lift: Array
 
 
@@ -172,6 +170,7 @@ class Controller:
         self._model, self._gains, self._mass_ratio = model, gains, mass_ratio
         # weight of the walker as the controller assumes it, N; `weights` below are those of the optimisation
         weight = mass_ratio * float(model.body_subtreemass[0] * np.linalg.norm(model.opt.gravity))
+        self._max_lift = gains.max_lift * weight  # N, from which on the legs yield
         self._max_help = gains.max_assist * weight  # N, largest force of the assist at the root
         names = layout.names[6:]  # hinges; the six coordinates of the root come before them
         # the controller moves the root and the wearer's joints; the exoskeleton's joints are free
@@ -204,7 +203,6 @@ class Controller:
             force=np.zeros((len(SIDES), len(points), 4)),
             # force (3) and torque (3); all 0 without assist
             assist=np.repeat([gains.assist_n, gains.assist_nm], 3) * float(assist),
-            max_lift=gains.max_lift * weight,
             lift=np.zeros(1),
         )
         # (2,) degrees of freedom of the toe hinges
@@ -255,6 +253,10 @@ class Controller:
             _Forces(data.qfrc_bias, data.qfrc_passive, known),
             self._toes,
         )
+        # N, by which the ground pressed harder than the forces of the last control step: where a sole slaps down
+        unforeseen = max(lift - float(self._body.lift[0]), 0.0)
+        # N, by which legs that have yielded far press harder
+        caught = gains.leg_stiffness * max(float(self._error[2] + shift.root[0, 2]) - gains.slack_m, 0.0)
         torque = _solve_step(
             self._mass_ratio * self._M,
             h,
@@ -264,8 +266,7 @@ class Controller:
             plan.feet_at(i),
             touching,
             shift.foot,
-            lift,
-            gains.leg_stiffness * max(self._error[2] + shift.root[0, 2] - gains.slack_m, 0.0),
+            self._max_lift + caught - unforeseen,
             gains.foot,
         )
         return _limit_torques(
@@ -362,8 +363,7 @@ def _solve_step(
     feet: PlannedFeet,
     touching: NDArray[np.bool_],
     foot_shift: Array,
-    lift: float,
-    caught: float,
+    max_lift: float,
     gains: FootGains,
 ) -> Array:
     """Torques (n,) of the driven coordinates at one instant, from tasks and contacts.
@@ -383,8 +383,7 @@ def _solve_step(
         feet: Plan of the feet.
         touching: (2, points) which sole points may bear force.
         foot_shift: (2, 3, 3) shift of each foot, its rate and acceleration.
-        lift: N, vertical force that the soles sensed last.
-        caught: N, by which legs that have yielded far press harder than `body.max_lift`.
+        max_lift: N, vertical force of both feet together from which on the legs yield.
         gains: Gains and weights of the feet.
     """
     n, per_foot = len(body.driven), body.bodies.shape[1]
@@ -400,8 +399,6 @@ def _solve_step(
     contacts, edges, cost = np.zeros((6 * per_foot, n)), np.zeros((2 * per_foot, 4, 3)), np.zeros(2 * per_foot)
     last = np.empty((2 * per_foot, 4))  # N, forces of the step before
     m, k = 0, 0
-    # N, by which the ground pressed harder than the forces of the last control step: where a sole slaps down
-    unforeseen = max(lift - body.lift[0], 0.0)
     for side in range(2):
         in_contact = False  # whether any point of this foot may bear force
         for i in range(per_foot):
@@ -462,11 +459,10 @@ def _solve_step(
     _, torque, forces, _ = solve_control_step(
         A, bias_driven, target, body.weight, Tasks(tasks[:m], targets[:m], weights[:m]), points, body.assist
     )
-    limit = body.max_lift + caught - unforeseen
-    if _lift(forces, edges) > limit:
+    if _lift(forces, edges) > max_lift:
         # the legs yield: the root's vertical row M_z q'' + h_z is the lift, and one more task brings it to its limit
         mass = M[2, 2]  # kg, of the whole body
-        tasks[m], targets[m], weights[m] = A[2] / mass, (limit - bias_driven[2]) / mass, gains.yielding
+        tasks[m], targets[m], weights[m] = A[2] / mass, (max_lift - bias_driven[2]) / mass, gains.yielding
         m += 1
         _, torque, forces, _ = solve_control_step(
             A, bias_driven, target, body.weight, Tasks(tasks[:m], targets[:m], weights[:m]), points, body.assist
