@@ -105,9 +105,10 @@ def plan_control(reference: Reference, model: mujoco.MjModel) -> Plan:
             touching[on, k, HEEL_POINTS:] = pitch[on, None] > -within
             toes = on & (pitch >= _ON_GROUND_RAD)
             # the load leaves the heel before the heel leaves the ground, not at that instant
-            if flat.any() and toes.any():
-                before = (t - t[flat][-1]) / _UNLOADS_S + 1.0
-                force_weight[flat, k, :HEEL_POINTS] *= (_UNLOADED ** ease(before[flat]))[:, None]
+            rise = np.append(np.flatnonzero(toes), n)  # rows in which the heel is up
+            stands = np.flatnonzero(flat)
+            left = (rise[np.searchsorted(rise, stands)] - 1 - stands) * CONTROL_S  # s, until the heel rises
+            force_weight[stands, k, :HEEL_POINTS] *= (_UNLOADED ** ease(1.0 - left / _UNLOADS_S))[:, None]
             # m, planned centre of pressure along the foot, from the origin of its frame
             pressed_at = loads[toes, 4 * k + 1 : 4 * k + 4]
             x = (pressed_at - step.p_foot_in_world) @ step.R_world_sole[:, 0]
