@@ -107,7 +107,8 @@ def plan_control(reference: Reference, model: mujoco.MjModel) -> Plan:
             # the load leaves the heel before the heel leaves the ground, not at that instant
             rise = np.append(np.flatnonzero(toes), n)  # rows in which the heel is up
             stands = np.flatnonzero(flat)
-            left = (rise[np.searchsorted(rise, stands)] - 1 - stands) * CONTROL_S  # s, until the heel rises
+            # (stands,) s, until the heel rises
+            left = np.asarray((rise[np.searchsorted(rise, stands)] - 1 - stands) * CONTROL_S, dtype=np.float64)
             force_weight[stands, k, :HEEL_POINTS] *= (_UNLOADED ** ease(1.0 - left / _UNLOADS_S))[:, None]
             # m, planned centre of pressure along the foot, from the origin of its frame
             pressed_at = loads[toes, 4 * k + 1 : 4 * k + 4]

@@ -235,8 +235,9 @@ def test_load_leaves_the_heel_before_the_heel_leaves_the_ground(twin: Twin) -> N
     """Until the plan lifts the heel, force at the heel becomes ever dearer, smoothly."""
     feet, found = twin.control_plan.feet, 0
     for k in range(2):
-        whole = feet.touching[:, k].all(axis=1) & ~feet.swinging[:, k]
-        ball_alone = feet.touching[:, k, HEEL_POINTS:].all(axis=1) & ~feet.touching[:, k, :HEEL_POINTS].any(axis=1)
+        heel, ball = np.split(feet.touching[:, k], [HEEL_POINTS], axis=1)
+        heel, ball = np.logical_and.reduce(heel, axis=1), np.logical_and.reduce(ball, axis=1) & ~feet.swinging[:, k]
+        whole, ball_alone = heel & ball, ball & ~heel
         for i in np.flatnonzero(whole[:-1] & ball_alone[1:]):
             weight = feet.force_weight[i - 40 : i + 1, k, 0]
             assert (np.diff(weight) >= 0.0).all()
