@@ -46,7 +46,7 @@ class FootGains(NamedTuple):
     """
 
     swing_rate: float = 25.0
-    pivot_rate: float = 60.0
+    pivot_rate: float = 40.0
     contact_damping: float = 60.0
     swing: float = 2.0
     pivot: float = 5.0
