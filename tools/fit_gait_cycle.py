@@ -73,7 +73,7 @@ _PACE_OF_WHOLE_NORM = 0.2  # people who walk more slowly use part of the slowest
 # quickest lowering of the sole, the hardest braking in the air and the speed of the heel before it lands. All but the
 # swing and the landing are a little below the recorded figures, as the limits are soft
 _RECORDED_PACE, _RECORDED_LEG_M = 0.43, 0.93
-_TOE_OFF_RADPS, _SWING_RATE_RADPS, _SLAP_RADPS, _BRAKING_MPS2 = 9.15, 6.7, 4.6, 27.0
+_TOE_OFF_RADPS, _SWING_RATE_RADPS, _SLAP_RADPS, _BRAKING_MPS2 = 9.15, 6.7, 4.6, 25.0
 _LANDING_MPS = 1.18  # of the heel, `_LANDING_S` before touch-down
 _LANDING_S = 0.02
 # Rise and fall of the pelvis by speed, leg lengths. `opencap_walking` rises by 47 mm with steps of 0.70 m; the twin's
@@ -85,7 +85,7 @@ _RISE = (0.0, 0.24, 0.33, 0.38, 0.43, 0.48, 0.55), (0.004, 0.0260, 0.032, 0.0365
 # then and is accelerated at once, and the other hip bears the reaction
 _RISE_WEIGHT, _ANGLE_WEIGHT, _HIP_WEIGHT = 100.0, 25.0, 45.0
 _INNER_SD, _HIP_MOMENT_NM_KG = 0.7, 1.3
-_OUTER_SD, _OUTER_WEIGHT, _BRAKING_WEIGHT = 0.95, 40.0, 100.0
+_OUTER_SD, _OUTER_WEIGHT, _BRAKING_WEIGHT = 0.95, 40.0, 160.0
 # Least load of a foot in the middle of stance, body weights, by speed: about that of a sine with the wanted rise
 _LEAST_VALLEY = (0.33, 0.43, 0.55), (0.78, 0.65, 0.57)
 # Centre of pressure behind which a motion that needs it a little farther back would leave the sole

@@ -19,7 +19,7 @@ from stridetwin.sim.gait.footsteps import CLEARANCE_M, Footstep, SwingVariation
 # `dual_foot_walk` (`benchmarks.people_feet`).
 _USUAL_STEP_SD = 0.015  # `Gait.step_sd` of such a person
 _MAX_SCALE = 2.0  # of people whose steps vary more
-_STRIDE_PUSH, _STRIDE_TOES_RAD, _STRIDE_LIFT_M, _STRIDE_CLEARANCE_M, _STRIDE_LANDING = 0.044, 0.015, 0.003, 0.0025, 0.12
+_STRIDE_PUSH, _STRIDE_TOES_RAD, _STRIDE_LIFT_M, _STRIDE_CLEARANCE_M, _STRIDE_LANDING = 0.040, 0.015, 0.003, 0.0025, 0.12
 _PERSON_PUSH, _PERSON_TOES_RAD, _PERSON_LIFT_M, _PERSON_LANDING = 0.015, 0.010, 0.002, 0.10
 _LIMIT = 2.0  # of each deviation, in standard deviations
 _MIN_CLEARANCE = 0.5  # of the usual clearance
