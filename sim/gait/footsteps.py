@@ -44,6 +44,7 @@ MAX_SWAY_RAD, MAX_SWAY_RADPS = 0.7, 5.0
 
 
 # Timing and places of steps; chosen by hand, except for what the styles prescribe.
+_BEFORE_RUN_DOUBLE_SUPPORT = 0.05  # share of a step, of the last walked one before a run
 _STAIR_DOUBLE_SUPPORT = 0.18  # share of a step; the same share of the stride is spent on both feet
 _DOWNSTAIRS_DOUBLE_SUPPORT = 0.30  # likewise, downstairs, where it takes time to lower the heel
 _STAIR_TRANSFER = 0.85  # share of double support in which the load moves, upstairs
@@ -247,6 +248,8 @@ def _step_styles(
         for i, runs in enumerate(is_run):
             if runs:
                 styles[i] = run_style(float(speeds[i]), float(durations[i]), size)
+            elif is_run[i + 1 : i + 2] == [True]:  # who is about to fly leaves the ground early: steps are long already
+                styles[i] = replace(styles[i], double_support=min(styles[i].double_support, _BEFORE_RUN_DOUBLE_SUPPORT))
             else:
                 styles[i] = replace(styles[i], pitch=np.where(styles[i].pitch < 0.0, _FLATTER, 1.0) * styles[i].pitch)
     return styles
