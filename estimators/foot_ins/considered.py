@@ -1,4 +1,4 @@
-"""Errors of a sensor that the filter considers but does not estimate: scale of the gyro, delay between its channels.
+"""Errors that the filter considers but does not estimate: scale of the gyro, delay of a channel, creep of a shoe.
 
 docs/foot_ins.md, "Considered errors".
 """
@@ -20,6 +20,9 @@ def begin_considered(memory: state.FilterState, parameters: KernelParameters) ->
     memory.considered_sd[state.SCALE_ACROSS] = parameters.considered_scale_sd
     memory.considered_sd[state.SCALE_ALONG] = parameters.considered_scale_sd
     memory.considered_sd[state.DELAY] = parameters.considered_delay_sd_s
+    memory.considered_sd[state.CREEP_FORWARD] = parameters.creep_forward_sd
+    memory.considered_sd[state.CREEP_LEFT] = parameters.creep_forward_sd
+    memory.considered_sd[state.CREEP_DOWN] = parameters.creep_down_sd_m
 
 
 @njit(**INNER_KERNEL)
@@ -64,13 +67,13 @@ def settle_considered(memory: state.FilterState) -> None:
 
     An alignment calls this, which sets all correlations to 0.
     """
-    P, o, c = memory.covariance, memory.row, memory.considered
+    P, c = memory.covariance, memory.considered
     if c < 0:
         return
     for error in range(state.CONSIDERED):
         variance = memory.considered_sd[error] ** 2
-        for i in range(o, o + state.STATES):
-            for j in range(o, o + state.STATES):
+        for i in range(c):
+            for j in range(c):
                 P[i, j] += variance * P[c + error, i] * P[c + error, j]
         for j in range(P.shape[0]):
             P[c + error, j] = P[j, c + error] = 0.0

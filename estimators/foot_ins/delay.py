@@ -153,6 +153,7 @@ def copy_state(source: state.FilterState, target: state.FilterState) -> None:
     copy(source.unlearnt, target.unlearnt)
     copy(source.considered_sd, target.considered_sd)
     copy(source.levelled, target.levelled)
+    copy(source.creep, target.creep)
     copy_matrix(source.prior, target.prior)
     copy(source.filled, target.filled)
 

@@ -262,7 +262,14 @@ def _report_covariance(memory: state.FilterState, covariance: Array) -> Array:
     bent[:2], bent[5] = unlearnt[state.UNLEARNT_POSITION :][:2], unlearnt[state.UNLEARNT_TURN]
     reported = covariance + memory.path[3] ** 2 * np.outer(along, along)
     reported[2, 2] += unlearnt[state.UNLEARNT_HEIGHT] + memory.levelled[HEIGHT_SD] ** 2
-    return np.asarray(reported + unlearnt[state.UNLEARNT_VARIANCE] * np.outer(bent, bent))
+    reported += unlearnt[state.UNLEARNT_VARIANCE] * np.outer(bent, bent)
+    if memory.considered >= 0:
+        o = memory.row
+        i = np.r_[o + state.D_POSITION : o + state.D_POSITION + 3, o + state.D_ATTITUDE : o + state.D_ATTITUDE + 3]
+        for error, sd in enumerate(memory.considered_sd):
+            derivative = memory.covariance[memory.considered + error, i]
+            reported += np.outer(sd**2 * derivative, derivative)
+    return np.asarray(reported)
 
 
 def nis_by_kind(memory: state.FilterState) -> dict[str, float]:

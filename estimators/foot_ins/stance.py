@@ -7,6 +7,7 @@ import math
 from numba import njit
 
 from stridetwin.estimators.foot_ins import filled, state
+from stridetwin.estimators.foot_ins.creep import begin_stance, creep_velocity, find_creep, shift_by_creep
 from stridetwin.estimators.foot_ins.kalman import (
     apply_gated_update,
     clear,
@@ -168,7 +169,12 @@ def add_across_sole(memory: state.FilterState, variance: float) -> None:
 
 @njit(**INNER_KERNEL)
 def zero_velocity_update(
-    memory: state.FilterState, parameters: KernelParameters, rate: Vec3, dt: float, stationary_speed_sd: float
+    memory: state.FilterState,
+    parameters: KernelParameters,
+    t_ns: int,
+    rate: Vec3,
+    dt: float,
+    stationary_speed_sd: float,
 ) -> None:
     """Update with zero velocity of the sole's stationary point (after Foxlin 2005), docs/foot_ins.md (8)-(10).
 
@@ -193,6 +199,7 @@ def zero_velocity_update(
     Args:
         memory: State of the foot, changed in place.
         parameters: Parameters of the filter.
+        t_ns: Time of the sample.
         rate: (3,) rad/s, ω of the sample.
         dt: Length of the sample's interval, s.
         stationary_speed_sd: Standard deviation of a stationary foot's speed, m/s.
@@ -213,9 +220,13 @@ def zero_velocity_update(
         _put_column(work.jacobian, state.D_ATTITUDE + i, matvec(whitening, cross(v, _UNIT[i])))
         _put_column(work.jacobian, state.D_GYRO_BIAS + i, matvec(whitening, cross(r, axes[i])))
         _put_column(work.jacobian, state.D_CONTACT + i, matvec(whitening, cross(w, axes[i])))
-    slip = axpy(v, 1.0, cross(w, r))  # velocity of the sole's stationary point by the state, m/s: should be 0
+    # velocity of the sole's stationary point by the state beyond that of a shoe that creeps, m/s: should be 0
+    creep = find_creep(memory, t_ns)
+    slip = axpy(axpy(v, 1.0, cross(w, r)), -1.0, creep_velocity(parameters, creep))
     store_vec3_at(matvec(whitening, axpy((0.0, 0.0, 0.0), -1.0, slip)), work.innovation, 0)
+    shift_by_creep(memory, creep, -1.0)
     apply_gated_update(memory.covariance, memory.error, work, memory.row, 3, parameters.innovation_gate)
+    shift_by_creep(memory, creep, 1.0)
     # statistics of consistency: with the noise of a single sample, not that of the correlated updates; 3 axes
     memory.nis[state.BY_VELOCITY, 0] += innovation_norm(work, 3, 1.0 / (shared * shared)) ** 2 / 3.0
     memory.nis[state.BY_VELOCITY, 1] += 1.0
@@ -361,6 +372,7 @@ def level_floor_update(
     h[state.D_POSITION + 2], h[state.D_ATTITUDE], h[state.D_ATTITUDE + 1], h[state.D_FLOOR] = 1.0, r[1], -r[0], -1.0
     height = x[state.POSITION + 2] + r[2]  # of the sole in the world, m
     has_floor = clock[state.CONTACT_PHASE] != state.NEVER_LANDED  # not at the first landing
+    begin_stance(memory, t_ns)
     clock[state.CONTACT_PHASE] = state.STANDING
     step = height - x[state.FLOOR]  # of the sole above the last floor, m
     lift = _SOLE_M * math.hypot(r[0], r[1]) / max(parameters.lever_arm_m, 1e-9)  # by the tilt of the sole, m

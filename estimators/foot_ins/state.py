@@ -25,9 +25,10 @@ D_SCALE = 20
 STATES = 21
 REPORTED = 15  # number of them in an estimate
 
-# Clock (12,): last sample, start of the stationary period, start of the alignment, last tracked sample, last sample
+# Clock (14,): last sample, start of the stationary period, start of the alignment, last tracked sample, last sample
 # not surely stationary, all in ns; head and fill of the ring; phase; whether the heading is known; whether the lever
-# arm is; whether the foot has landed; samples since the beginning of the peak restored with the last sample.
+# arm is; whether the foot has landed; samples since the beginning of the peak restored with the last sample; when the
+# foot came to stand last, in ns.
 (
     T_LAST,
     T_STATIONARY,
@@ -42,8 +43,9 @@ REPORTED = 15  # number of them in an estimate
     LEVER_KNOWN,
     CONTACT_PHASE,
     RESTORED,
-) = range(13)
-CLOCKS = 13
+    T_STOOD,
+) = range(14)
+CLOCKS = 14
 IGNORED, EMPTY, ALIGNING, NAVIGATING = -1, 0, 1, 2
 NEVER_LANDED, SWINGING, STANDING = 0, 1, 2
 
@@ -56,9 +58,10 @@ SERIES_RAD = 1e-4  # angle below which `exp` uses its series
 
 FILLED = 5  # entries of `filled`
 REST = 21  # entries of `rest`
-SCALE_ACROSS, SCALE_ALONG, DELAY = range(3)  # considered errors
-CONSIDERED = 3
+SCALE_ACROSS, SCALE_ALONG, DELAY, CREEP_FORWARD, CREEP_LEFT, CREEP_DOWN = range(6)  # considered errors
+CONSIDERED = 6
 LEVELLED = 7  # entries of `levelled`
+CREEP = 6  # entries of `creep`
 ALONE = STATES + CONSIDERED  # rows of the covariance of a foot alone
 UNLEARNT_VARIANCE, UNLEARNT_TURN, UNLEARNT_POSITION, UNLEARNT_HEIGHT = 0, 1, 2, 5  # entries of `unlearnt`
 RING = 64  # samples available to the statistic; 35 ms at 1.8 kHz
@@ -76,7 +79,7 @@ class FilterState(NamedTuple):
         row: First of the 21 rows of `covariance` and `error` that are this foot's.
         tilted: (4,) quaternion at the beginning of an alignment.
         start_sd: (2,) standard deviation of the position (m) and of the heading (rad) at the first sample.
-        clock: (13,) int64, entries `T_LAST` to `RESTORED`: times in ns, counts and phases.
+        clock: (14,) int64, entries `T_LAST` to `T_STOOD`: times in ns, counts and phases.
         ring_t_ns: (RING,) times of the last samples.
         ring: (RING, 6) rad/s and m/s², angular rate and specific force of the last samples.
         restored: (RING, 10) correction by the last restored peak of position (m), velocity (m/s) and attitude
@@ -99,9 +102,10 @@ class FilterState(NamedTuple):
             position, m (in the plane: entries 2 and 3); variance of the height of a stance, m².
         considered: First of the rows of `covariance` that hold the derivative of every error by each error that is
             considered, but not estimated (module `considered`); -1: there are none.
-        considered_sd: (3,) standard deviations of these: scale of the gyro across and along the sole's normal; time by
-            which one channel is late, s.
+        considered_sd: (6,) standard deviations of these: scale of the gyro across and along the sole's normal; time by
+            which one channel is late, s; creep of a shoe forward and left, as shares of a stride, and down, m.
         levelled: (7,) of heights that a level floor or the drift took away, entries in module `slope`.
+        creep: (6,) position of the last stance, m, and how the shoe creeps in this one, entries in module `creep`.
         prior: (7, 7) covariance of gyro bias, accelerometer bias and gyro scale from an earlier recording; 0: none.
         filled: (5,) length (s) and added variance of the line that the rates are on, and the forces; 1 if there was any
             since the last stance.
@@ -132,6 +136,7 @@ class FilterState(NamedTuple):
     considered: int
     considered_sd: Array
     levelled: Array
+    creep: Array
     prior: Array
     filled: Array
     work: Workspace
@@ -178,6 +183,7 @@ def initial_state(
         considered=considered,
         considered_sd=np.zeros(CONSIDERED),
         levelled=np.zeros(LEVELLED),
+        creep=np.zeros(CREEP),
         prior=np.zeros((7, 7)),
         filled=np.zeros(FILLED),
         work=workspace(len(covariance), STATES),

@@ -77,7 +77,7 @@ class TransitionWindow(NamedTuple):
         path: (4,) `FilterState.path` at the newest sample.
         unlearnt: (6,) `FilterState.unlearnt` at the newest sample.
         levelled: (7,) `FilterState.levelled` at the newest sample.
-        considered: (C, 3, 21) derivatives of the filtered error by the considered errors.
+        considered: (C, 6, 21) derivatives of the filtered error by the considered errors.
         released: The sample that left last, smoothed.
         scratch: (2, 21, 21) overwritten.
     """

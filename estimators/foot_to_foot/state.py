@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.foot_ins.kalman import MEASUREMENTS, Workspace, workspace
 from stridetwin.estimators.foot_ins.stance import inject
-from stridetwin.estimators.foot_ins.state import SERIES_RAD, STATES, FilterState, initial_state
+from stridetwin.estimators.foot_ins.state import CONSIDERED, SERIES_RAD, STATES, FilterState, initial_state
 from stridetwin.streams.algebra.matrices import clear
 from stridetwin.streams.algebra.tuples import exp, multiply, normalized, quaternion_at, store_quaternion_at, vec3_at
 from stridetwin.streams.compiled import INNER_KERNEL
@@ -67,8 +67,9 @@ class Pair(NamedTuple):
 
     Attributes:
         feet: Left and right; their covariance and error are views of the two below.
-        covariance: (74, 74) of the errors of all states.
-        error: (74,) found by updates, but not yet moved into the nominal states.
+        covariance: (80, 80) of the errors of all states; behind them, six rows of what the considered errors have done
+            (`foot_ins.considered`): one and the same creep of both shoes.
+        error: (80,) found by updates, but not yet moved into the nominal states.
         mounts: (4, 7) position (m) and quaternion of camera left, camera right, board left, board right, each in its
             foot's IMU.
         late: (2,) offset to add to the times of each camera's images, s.
@@ -112,12 +113,14 @@ def blank_pair(
         sonars: (2, 3) each foot's sonar in its IMU, m.
         earth: (3,) rotation rate of the Earth in world axes, rad/s.
     """
-    covariance, error = np.zeros((ALL_STATES, ALL_STATES)), np.zeros(ALL_STATES)
+    n = ALL_STATES + CONSIDERED  # rows: behind the states, those of the errors that are considered of both feet
+    covariance, error = np.zeros((n, n)), np.zeros(n)
     # the states after the feet's, which have variance 0 until they align: mounts, clocks, scales
     i = np.arange(MOUNTS, ALL_STATES)
     covariance[i, i] = np.r_[mount_variance.ravel(), [clock_variance] * 2, [scale_variance] * 6]
+    left, right = (initial_state(covariance, error, f * STATES, considered=ALL_STATES) for f in range(2))
     return Pair(
-        feet=(initial_state(covariance, error, 0), initial_state(covariance, error, STATES)),
+        feet=(left, right),
         covariance=covariance,
         error=error,
         mounts=np.array(mounts, dtype=float),
@@ -128,7 +131,7 @@ def blank_pair(
         seen=np.full(2, NEVER),
         heard=np.full(2, NEVER),
         nis=np.zeros((2, 2)),
-        work=workspace(ALL_STATES, ALL_STATES),
+        work=workspace(n, ALL_STATES),
         board=board_workspace(),
     )
 
