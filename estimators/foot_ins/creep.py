@@ -8,7 +8,8 @@ from numba import njit
 
 from stridetwin.estimators.foot_ins import state
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
-from stridetwin.streams.algebra.tuples import Vec3, axpy, dot, store_vec3_at, vec3_at
+from stridetwin.estimators.foot_ins.slope import note_levelled
+from stridetwin.streams.algebra.tuples import Vec3, axpy, dot, store_vec3_at, times, vec3_at
 from stridetwin.streams.compiled import INNER_KERNEL
 
 _LONGEST_STRIDE_S = 2.0  # a longer stride began with a rest
@@ -16,16 +17,15 @@ _LONGEST_S = 1.0  # of a stance in which the shoe creeps; a longer one is that o
 _WHOLE_STRIDE_M = 0.2  # a much shorter stride hardly loads the shoe
 
 # entries of `FilterState.creep`: position of the last stance, m; in this stance, velocity of a creep forward by the
-# whole stride, m/s, and rate at which it sinks, 1/s
-PLACE, FORWARD, SINKING = 0, 3, 5
+# whole stride, m/s, and rate at which it sinks, 1/s; share of both by how quietly it stood at the last sample
+PLACE, FORWARD, SINKING, SHARE = 0, 3, 5, 6
 
 
 @njit(**INNER_KERNEL)
-def find_creep(memory: state.FilterState, t_ns: int) -> Vec3:
+def _find_whole_creep(memory: state.FilterState, t_ns: int) -> Vec3:
     """Velocity of a shoe that creeps forward by its stride (x and y, m/s), and rate of its sinking (1/s), in stance.
 
-    docs/foot_ins.md (20), in world axes. The filter knows them from the stride that led here. A foot that stands for
-    long, or has not stepped yet, is still.
+    The filter knows them from the stride that led here. A foot that stands for long, or has not stepped yet, is still.
 
     Args:
         memory: State of the foot.
@@ -44,6 +44,22 @@ def find_creep(memory: state.FilterState, t_ns: int) -> Vec3:
 
 
 @njit(**INNER_KERNEL)
+def find_creep(memory: state.FilterState, parameters: KernelParameters, t_ns: int, statistic: float) -> Vec3:
+    """Velocity of a shoe that creeps forward by its stride (x and y, m/s), and rate of its sinking (1/s), in stance.
+
+    docs/foot_ins.md (20), in world axes. A foot that stands perfectly still does not creep either.
+
+    Args:
+        memory: State of the foot, changed in place.
+        parameters: Parameters of the filter.
+        t_ns: Time of the sample.
+        statistic: Motion statistic at the sample.
+    """
+    memory.creep[SHARE] = statistic / (statistic + parameters.creep_level)
+    return times(memory.creep[SHARE], _find_whole_creep(memory, t_ns))
+
+
+@njit(**INNER_KERNEL)
 def creep_velocity(parameters: KernelParameters, creep: Vec3) -> Vec3:
     """Velocity of the sole's stationary point, m/s, world axes, for what `find_creep` returns."""
     forward = parameters.creep_forward_share
@@ -51,14 +67,20 @@ def creep_velocity(parameters: KernelParameters, creep: Vec3) -> Vec3:
 
 
 @njit(**INNER_KERNEL)
-def begin_stance(memory: state.FilterState, t_ns: int) -> None:
+def begin_stance(memory: state.FilterState, parameters: KernelParameters, t_ns: int) -> None:
     """Keeps the creep of a foot that has just come to stand, and the place and time from which its next stride counts.
+
+    By the sinking of this stance, the next stride ends lower than with a shoe that is still: that may be a slope, too.
 
     Args:
         memory: State of the foot, changed in place. The contact phase is still that before.
+        parameters: Parameters of the filter.
         t_ns: Time of the sample.
     """
-    store_vec3_at(find_creep(memory, t_ns), memory.creep, FORWARD)
+    creep = _find_whole_creep(memory, t_ns)
+    stride_s = min((t_ns - memory.clock[state.T_STOOD]) * 1e-9, _LONGEST_STRIDE_S)
+    note_levelled(memory, parameters.creep_down_m * memory.creep[SHARE] * creep[2] * stride_s)
+    store_vec3_at(creep, memory.creep, FORWARD)
     store_vec3_at(vec3_at(memory.nominal, state.POSITION), memory.creep, PLACE)
     memory.clock[state.T_STOOD] = t_ns
 

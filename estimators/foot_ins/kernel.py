@@ -135,7 +135,7 @@ def step(
     vary_height_drift(memory, parameters, dt)
     speed_sd = stationary_speed_sd(statistic, memory.peak[0], parameters)
     if speed_sd < _MAX_VELOCITY_SD_MPS:  # with a larger one, the foot counts as moving
-        zero_velocity_update(memory, parameters, t_ns, rate, dt, speed_sd)
+        zero_velocity_update(memory, parameters, t_ns, rate, dt, statistic, speed_sd)
         memory.clock[state.T_STANCE] = t_ns
     else:
         speed_sd = math.inf

@@ -135,6 +135,7 @@ if TYPE_CHECKING:
             considered_delay_sd_s: Delay between the gyro and the accelerometer, likewise, s.
             creep_forward_share: Way that a shoe creeps forward in stance, as a share of the stride.
             creep_down_m: Way that it sinks in a stance, m.
+            creep_level: Motion statistic of a stance in which a shoe creeps by half as much.
             creep_forward_sd: Standard deviation of the former from foot to foot, and of such a creep to the left;
                 considered, not estimated.
             creep_down_sd_m: Standard deviation of the latter, likewise, m.
@@ -154,6 +155,7 @@ if TYPE_CHECKING:
         considered_delay_sd_s: float
         creep_forward_share: float
         creep_down_m: float
+        creep_level: float
         creep_forward_sd: float
         creep_down_sd_m: float
         stance_height_sd_m: float
@@ -178,6 +180,7 @@ _WIDE_BIAS_SHARE = 0.5  # of unknown sensors that are of that class; the others 
 # the medians; twin feet: 0.4 % and 8 mm, with standard deviations of 0.4 % and 4.5 mm from foot to foot]
 _CREEP_FORWARD_SHARE, _CREEP_FORWARD_SD = 0.004, 0.004  # as shares of a stride; the latter to the left, too
 _CREEP_DOWN_M, _CREEP_DOWN_SD_M = 0.004, 0.004
+_CREEP_LEVEL = 500.0
 _STANCE_HEIGHT_SD_M = 0.012  # height of an unknown sensor above the floor, from stance to stance [real walks]
 _UNKNOWN_SCALE_SD = 0.007  # of a gyro that nobody calibrated [data sheets of consumer parts: 1 to 3 % at most]
 _UNKNOWN_DELAY_SD_S = 0.005  # between its channels and the accelerometer's [six parts: 0, 0, 2.5, 2.5, 3.8 and 12.5 ms]
@@ -195,6 +198,10 @@ _ADDED_NOISE = (
     "accel_bias_walk_mps3_rthz",
     "height_drift_sd",
     "path_scale_sd",
+    "creep_forward_share",
+    "creep_forward_sd",
+    "creep_down_m",
+    "creep_down_sd_m",
 )
 _UNKNOWN = ImuCalibration(
     topic="",
@@ -223,7 +230,11 @@ def as_record(kind: type[RecordT], values: Mapping[str, float]) -> RecordT:
 
 
 def for_sensor(
-    parameters: FootInsParameters, calibration: ImuCalibration | None, *, data_sheet_alone: bool = False
+    parameters: FootInsParameters,
+    calibration: ImuCalibration | None,
+    *,
+    data_sheet_alone: bool = False,
+    is_sensor_considered: bool = True,
 ) -> KernelParameters:
     """The kernel's parameters of one sensor, by name in one record.
 
@@ -235,7 +246,8 @@ def for_sensor(
         parameters: Parameters for any sensor.
         calibration: Calibration of the sensor; None: a consumer sensor without one.
         data_sheet_alone: The noise is the calibration's, a misalignment's included, without any other addition for
-            motion, limits and scale errors.
+            motion, limits and scale errors, and shoes do not creep.
+        is_sensor_considered: Whether scale and delay of a sensor of unknown calibration are considered.
     """
     imu = calibration or _UNKNOWN  # in which every number is 0, which means unknown
     is_calibrated = imu.accelerometer_scale_sd > 0.0
@@ -254,12 +266,15 @@ def for_sensor(
         "considered_delay_sd_s": 0.0 if is_calibrated else _UNKNOWN_DELAY_SD_S,
         "creep_forward_share": _CREEP_FORWARD_SHARE,
         "creep_down_m": _CREEP_DOWN_M,
+        "creep_level": _CREEP_LEVEL,
         "creep_forward_sd": _CREEP_FORWARD_SD,
         "creep_down_sd_m": _CREEP_DOWN_SD_M,
         "stance_height_sd_m": 0.0 if is_calibrated else _STANCE_HEIGHT_SD_M,
         "gyro_range_radps": imu.gyroscope_range,
         "accel_range_mps2": imu.accelerometer_range,
     }
+    if not is_sensor_considered:
+        values |= {"considered_scale_sd": 0.0, "considered_delay_sd_s": 0.0}
     if data_sheet_alone:  # 0 is added to the calibration's noise below
         values |= dict.fromkeys(_ADDED_NOISE, 0.0)
     if imu.gyroscope_misalignment_sd > 0.0:

@@ -174,6 +174,7 @@ def zero_velocity_update(
     t_ns: int,
     rate: Vec3,
     dt: float,
+    statistic: float,
     stationary_speed_sd: float,
 ) -> None:
     """Update with zero velocity of the sole's stationary point (after Foxlin 2005), docs/foot_ins.md (8)-(10).
@@ -202,6 +203,7 @@ def zero_velocity_update(
         t_ns: Time of the sample.
         rate: (3,) rad/s, ω of the sample.
         dt: Length of the sample's interval, s.
+        statistic: Motion statistic at the sample (`motion_statistic`).
         stationary_speed_sd: Standard deviation of a stationary foot's speed, m/s.
     """
     x, work = memory.nominal, memory.work
@@ -221,7 +223,7 @@ def zero_velocity_update(
         _put_column(work.jacobian, state.D_GYRO_BIAS + i, matvec(whitening, cross(r, axes[i])))
         _put_column(work.jacobian, state.D_CONTACT + i, matvec(whitening, cross(w, axes[i])))
     # velocity of the sole's stationary point by the state beyond that of a shoe that creeps, m/s: should be 0
-    creep = find_creep(memory, t_ns)
+    creep = find_creep(memory, parameters, t_ns, statistic)
     slip = axpy(axpy(v, 1.0, cross(w, r)), -1.0, creep_velocity(parameters, creep))
     store_vec3_at(matvec(whitening, axpy((0.0, 0.0, 0.0), -1.0, slip)), work.innovation, 0)
     shift_by_creep(memory, creep, -1.0)
@@ -372,7 +374,7 @@ def level_floor_update(
     h[state.D_POSITION + 2], h[state.D_ATTITUDE], h[state.D_ATTITUDE + 1], h[state.D_FLOOR] = 1.0, r[1], -r[0], -1.0
     height = x[state.POSITION + 2] + r[2]  # of the sole in the world, m
     has_floor = clock[state.CONTACT_PHASE] != state.NEVER_LANDED  # not at the first landing
-    begin_stance(memory, t_ns)
+    begin_stance(memory, parameters, t_ns)
     clock[state.CONTACT_PHASE] = state.STANDING
     step = height - x[state.FLOOR]  # of the sole above the last floor, m
     lift = _SOLE_M * math.hypot(r[0], r[1]) / max(parameters.lever_arm_m, 1e-9)  # by the tilt of the sole, m

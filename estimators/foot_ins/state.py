@@ -61,7 +61,7 @@ REST = 21  # entries of `rest`
 SCALE_ACROSS, SCALE_ALONG, DELAY, CREEP_FORWARD, CREEP_LEFT, CREEP_DOWN = range(6)  # considered errors
 CONSIDERED = 6
 LEVELLED = 7  # entries of `levelled`
-CREEP = 6  # entries of `creep`
+CREEP = 7  # entries of `creep`
 ALONE = STATES + CONSIDERED  # rows of the covariance of a foot alone
 UNLEARNT_VARIANCE, UNLEARNT_TURN, UNLEARNT_POSITION, UNLEARNT_HEIGHT = 0, 1, 2, 5  # entries of `unlearnt`
 RING = 64  # samples available to the statistic; 35 ms at 1.8 kHz
@@ -105,7 +105,7 @@ class FilterState(NamedTuple):
         considered_sd: (6,) standard deviations of these: scale of the gyro across and along the sole's normal; time by
             which one channel is late, s; creep of a shoe forward and left, as shares of a stride, and down, m.
         levelled: (7,) of heights that a level floor or the drift took away, entries in module `slope`.
-        creep: (6,) position of the last stance, m, and how the shoe creeps in this one, entries in module `creep`.
+        creep: (7,) position of the last stance, m, and how the shoe creeps in this one, entries in module `creep`.
         prior: (7, 7) covariance of gyro bias, accelerometer bias and gyro scale from an earlier recording; 0: none.
         filled: (5,) length (s) and added variance of the line that the rates are on, and the forces; 1 if there was any
             since the last stance.

@@ -120,9 +120,9 @@ class FootToFoot:
         if shoes.cameras and not published:
             foot = replace(foot, gyro_noise_radps_rthz=parameters.scaled_gyro_noise_radps_rthz)
             scale_sd = parameters.gyro_scale_sd
-        left, right = (for_sensor(foot, imus.get(f), data_sheet_alone=published) for f in FEET)
-        for of_foot in (left, right):  # the scale is a state of this filter, and images tell of a delay
-            of_foot.considered_scale_sd = of_foot.considered_delay_sd_s = 0.0
+        left, right = (
+            for_sensor(foot, imus.get(f), data_sheet_alone=published, is_sensor_considered=False) for f in FEET
+        )
         self._foot_parameters = (left, right)
         mount_sds = [  # position (m) and rotation (rad), of a camera and of a board
             [parameters.camera_position_sd_m, parameters.camera_rotation_sd_rad],

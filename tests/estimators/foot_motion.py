@@ -34,7 +34,7 @@ def rig_of(calibration: ImuCalibration) -> Rig:
 
 
 LEFT_FOOT = rig_of(ADIS16485)
-# with a known scale error of the forces; the filter of one foot then considers no error that it does not estimate
+# with a known scale error of the forces; the filter of one foot then considers no error of the sensor
 CALIBRATED = replace(ADIS16485, accelerometer_scale_sd=0.01)
 
 

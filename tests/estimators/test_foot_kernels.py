@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import sqrtm
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.foot_ins import FootInsParameters, rest, stance, state, strapdown
+from stridetwin.estimators.foot_ins import FootInsParameters, creep, rest, stance, state, strapdown
 from stridetwin.estimators.foot_ins.parameters import for_sensor
 from tests.estimators.from_python import from_python
 from tests.estimators.one_foot import with_values
@@ -261,6 +261,8 @@ def check_after(memory, x, error, P):
 @pytest.mark.parametrize("dt", [0.01, 0.1])
 def test_zero_velocity_is_a_measurement_of_the_stationary_point(dt):
     memory = foot()
+    memory.clock[state.CONTACT_PHASE] = state.STANDING
+    memory.creep[creep.FORWARD : creep.SINKING + 1] = 1.2, -0.4, 0.9  # of the stride that led here
     x, P = memory.nominal.copy(), memory.covariance.copy()
     parameters = for_sensor(
         FootInsParameters(innovation_gate=1e6, stationary_correlation_s=0.04, lever_sd_m=0.04), None
@@ -281,9 +283,11 @@ def test_zero_velocity_is_a_measurement_of_the_stationary_point(dt):
     H[:, ROW : ROW + state.STATES] = slopes(speed, state.STATES)
     w = R @ np.subtract(RATE, x[state.GYRO_BIAS : state.GYRO_BIAS + 3])
     noise = 0.05**2 * np.eye(3) + 0.04**2 * ((w @ w) * np.eye(3) - np.outer(w, w))
-    z = -speed(np.zeros(state.STATES))
+    level = parameters.creep_level  # at which a shoe creeps by half as much
+    creeping = 0.5 * np.array([1.2, -0.4, 0.9]) * [*[parameters.creep_forward_share] * 2, -parameters.creep_down_m]
+    z = creeping - speed(np.zeros(state.STATES))
     error, covariance = corrected(P, H, z, max(1.0, 0.04 / dt) * noise)
-    from_python(stance.zero_velocity_update)(memory, parameters, RATE, dt, 0.05)
+    from_python(stance.zero_velocity_update)(memory, parameters, 100_000_000, RATE, dt, level, 0.05)
     check_after(memory, x, error, covariance)
     # what is reported is the innovation against the noise of the speed itself
     S = H @ P @ H.T + noise
