@@ -55,7 +55,8 @@ def find_creep(memory: state.FilterState, parameters: KernelParameters, t_ns: in
         t_ns: Time of the sample.
         statistic: Motion statistic at the sample.
     """
-    memory.creep[SHARE] = statistic / (statistic + parameters.creep_level)
+    motion = (statistic / parameters.creep_level) ** 2
+    memory.creep[SHARE] = motion / (1.0 + motion)
     return times(memory.creep[SHARE], _find_whole_creep(memory, t_ns))
 
 

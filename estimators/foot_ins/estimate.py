@@ -263,13 +263,25 @@ def _report_covariance(memory: state.FilterState, covariance: Array) -> Array:
     reported = covariance + memory.path[3] ** 2 * np.outer(along, along)
     reported[2, 2] += unlearnt[state.UNLEARNT_HEIGHT] + memory.levelled[HEIGHT_SD] ** 2
     reported += unlearnt[state.UNLEARNT_VARIANCE] * np.outer(bent, bent)
+    o = memory.row
+    rows = np.r_[o + state.D_POSITION : o + state.D_POSITION + 3, o + state.D_ATTITUDE : o + state.D_ATTITUDE + 3]
+    return with_considered(memory, reported, rows)
+
+
+def with_considered(memory: state.FilterState, covariance: Array, rows: NDArray[np.int64]) -> Array:
+    """(n, n) covariance of n errors of the filter with what the considered errors add to it.
+
+    Args:
+        memory: State of a foot.
+        covariance: (n, n) of them without the considered errors.
+        rows: (n,) their rows in `memory.covariance`.
+    """
+    reported = covariance.copy()
     if memory.considered >= 0:
-        o = memory.row
-        i = np.r_[o + state.D_POSITION : o + state.D_POSITION + 3, o + state.D_ATTITUDE : o + state.D_ATTITUDE + 3]
         for error, sd in enumerate(memory.considered_sd):
-            derivative = memory.covariance[memory.considered + error, i]
+            derivative = memory.covariance[memory.considered + error, rows]
             reported += np.outer(sd**2 * derivative, derivative)
-    return np.asarray(reported)
+    return reported
 
 
 def nis_by_kind(memory: state.FilterState) -> dict[str, float]:

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.base import PATH, PROPOSED, Declaration, Options, PathEstimate, Progress, Stream
 from stridetwin.estimators.checkerboard.pose import BoardObservation
-from stridetwin.estimators.foot_ins.estimate import FootInsEstimate, FootInsPath, StartPose
+from stridetwin.estimators.foot_ins.estimate import FootInsEstimate, FootInsPath, StartPose, with_considered
 from stridetwin.estimators.foot_ins.parameters import for_sensor
 from stridetwin.estimators.foot_ins.state import ATTITUDE, BY_VELOCITY, EMPTY, IGNORED, REPORTED, STATES
 from stridetwin.estimators.foot_to_foot import kernel
@@ -42,6 +42,8 @@ MAX_WAITING_AIDS = 16  # aids that may wait for the IMUs to reach their time; th
 _NOTHING_JOINS = "without shoe cameras and sonars nothing joins the feet: each path is that of its foot alone"
 _REPORTED_OF_BOTH = np.r_[:REPORTED, STATES : STATES + REPORTED]
 """The first 15 errors of each foot."""
+_POSES_OF_BOTH = np.r_[0:3, 6:9, REPORTED : REPORTED + 3, REPORTED + 6 : REPORTED + 9]
+"""Those of position and attitude among them."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -226,6 +228,9 @@ class FootToFoot:
         }
         pose = feet[self.foot_of(sample)].pose if isinstance(sample, Imu) else None
         covariance = self._pair.covariance[np.ix_(_REPORTED_OF_BOTH, _REPORTED_OF_BOTH)]
+        poses = _POSES_OF_BOTH[:, None], _POSES_OF_BOTH
+        rows = _REPORTED_OF_BOTH[_POSES_OF_BOTH]
+        covariance[poses] = with_considered(self._pair.feet[0], covariance[poses], rows)
         return FootToFootEstimate(
             t_ns=sample.t_ns, feet=feet, covariance=covariance, observations=tuple(seen or ()), pose=pose
         )
