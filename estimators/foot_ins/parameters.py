@@ -176,11 +176,11 @@ _WIDE_BIAS_SD_RADPS = (
     3.5e-3  # turn-on bias of consumer parts, 0.1 to 0.5 °/s: the class of a sensor that nobody calibrated
 )
 _WIDE_BIAS_SHARE = 0.5  # of unknown sensors that are of that class; the others have `gyro_bias_sd_radps`
-# Creep of a shoe in stance. [real walks: without it each stride of 14 is too short by 0.8 % and ends 3 mm too high, in
-# the medians; twin feet: 0.4 % and 8 mm, with standard deviations of 0.4 % and 4.5 mm from foot to foot]
+# Creep of a shoe in stance. [14 real walks: without it a stride is too short by 1.2 % and ends 3 mm too high, in the
+# medians; twin feet of seeds 0-7: 0.4 % and 8 mm, with standard deviations of 0.4 % and 4.5 mm from foot to foot]
 _CREEP_FORWARD_SHARE, _CREEP_FORWARD_SD = 0.004, 0.004  # as shares of a stride; the latter to the left, too
 _CREEP_DOWN_M, _CREEP_DOWN_SD_M = 0.004, 0.004
-_CREEP_LEVEL = 500.0
+_CREEP_LEVEL = 500.0  # quietest moments of stances have 1000 to 6000, sensors at rest 4 to 100 [real walks and twin]
 _STANCE_HEIGHT_SD_M = 0.012  # height of an unknown sensor above the floor, from stance to stance [real walks]
 _UNKNOWN_SCALE_SD = 0.007  # of a gyro that nobody calibrated [data sheets of consumer parts: 1 to 3 % at most]
 _UNKNOWN_DELAY_SD_S = 0.005  # between its channels and the accelerometer's [six parts: 0, 0, 2.5, 2.5, 3.8 and 12.5 ms]
