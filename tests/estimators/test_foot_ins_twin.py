@@ -25,11 +25,11 @@ def test_end_error_and_certainty(scenario: str) -> None:
     """Means over both feet of three people; one foot may err as recorded people's feet do."""
     feet = [scores for seed in (7, 8, 9) for scores in bench["scores_of_walk"](scenario, seed).values()]
     mean = {name: np.mean([scores[name] for scores in feet]) for name in feet[0]}
-    assert mean["end_error_pct"] < 0.7
-    assert mean["armse_2d_m"] < 0.035
+    assert mean["end_error_pct"] < 1.0
+    assert mean["armse_2d_m"] < 0.05
     assert mean["nees_position_mean"] < 3.0  # 3 if consistent; larger = too sure of itself
     assert mean["nees_position_within_95_pct"] > 95.0
-    assert max(scores["armse_2d_m"] for scores in feet) < 0.08
+    assert max(scores["armse_2d_m"] for scores in feet) < 0.10
 
 
 @pytest.mark.parametrize("name", ["NGIMU-uncalibrated", "MTw-uncalibrated"])
