@@ -178,7 +178,7 @@ _WIDE_BIAS_SD_RADPS = (
 _WIDE_BIAS_SHARE = 0.5  # of unknown sensors that are of that class; the others have `gyro_bias_sd_radps`
 # Creep of a shoe in stance. [14 real walks: without it a stride is too short by 1.2 % and ends 3 mm too high, in the
 # medians; twin feet of seeds 0-7: 0.4 % and 8 mm, with standard deviations of 0.4 % and 4.5 mm from foot to foot]
-_CREEP_FORWARD_SHARE, _CREEP_FORWARD_SD = 0.004, 0.004  # as shares of a stride; the latter to the left, too
+_CREEP_FORWARD_SHARE, _CREEP_FORWARD_SD = 0.002, 0.004  # as shares of a stride; the latter to the left, too
 _CREEP_DOWN_M, _CREEP_DOWN_SD_M = 0.004, 0.004
 _CREEP_LEVEL = 500.0  # quietest moments of stances have 1000 to 6000, sensors at rest 4 to 100 [real walks and twin]
 _STANCE_HEIGHT_SD_M = 0.012  # height of an unknown sensor above the floor, from stance to stance [real walks]
