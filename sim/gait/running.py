@@ -25,8 +25,8 @@ _FLAT_AFTER = 0.07  # share of a step from touch-down until the foot is flat
 _HEEL_OFF_BEFORE = 0.42  # share of a step from heel-off to toe-off
 _RISE = (0.09, 0.30, 0.64)  # pitch at the inner `style.RISE_KNOTS`: the angular rate grows evenly
 # Pitch at `style.SWING_KNOTS`, rad, at the dimensionless speed `_PITCH_PACE`: integrals of the angular rates of the
-# recorded runs of `foot_imu_vicon` (1.4 to 2.3 m/s), of which the largest are 2 % smaller for the range of the ankle; it
-# grows with the root of speed.
+# recorded runs of `foot_imu_vicon` (1.4 to 2.3 m/s), the largest 2 % smaller for the range of the ankle; it grows with
+# the root of speed.
 _PITCH = (0.90, 1.22, 1.30, 1.19, 0.92, 0.42, -0.09, -0.30, -0.31)
 _PITCH_PACE, _PITCH_RANGE = 0.60, (0.8, 1.15)
 _TILT_RAD = 0.10  # less forward lean of the pelvis than the fastest walk has at its push-off
