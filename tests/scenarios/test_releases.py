@@ -18,7 +18,7 @@ from stridetwin.streams.rig import Rig
 
 RELEASES = Path(__file__).parents[1] / "streams" / "releases"
 SCORES = {
-    "0.1": {"ape_rmse_m": 0.001197, "end_error_m": 0.001175, "end_height_error_m": 0.000396, "distance_m": 1.094263},
+    "0.1": {"ape_rmse_m": 0.001311, "end_error_m": 0.001677, "end_height_error_m": -0.000903, "distance_m": 1.094263},
 }
 """Of today's `foot_ins` on a recording of the release: m."""
 
