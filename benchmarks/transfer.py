@@ -15,7 +15,6 @@ import sys
 import tempfile
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -28,6 +27,7 @@ from scipy.stats import spearmanr
 from benchmarks import real_walks
 from benchmarks.command import answer, command
 from benchmarks.foot_ins_twin import join_blocks
+from stridetwin.batch.processes import open_pool
 from stridetwin.estimators.foot_ins import FootIns, FootInsParameters, ZeroVelocityDetector
 from stridetwin.outputs.truth import TruePath
 from stridetwin.scenarios.campaign.campaign_file import read_campaign
@@ -285,7 +285,7 @@ def workers(arguments: Namespace) -> Iterator[Callable[..., Iterable[Any]]]:
     if arguments.workers == 1:
         yield map
         return
-    with ProcessPoolExecutor(max_workers=arguments.workers) as pool:
+    with open_pool(arguments.workers) as pool:
         yield pool.map
 
 

@@ -19,7 +19,7 @@ from scipy.interpolate import BSpline, make_interp_spline
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import nnls
 
-from stridetwin.sim.gait.foot_pitch import plan_pitch, step_time
+from stridetwin.sim.gait.foot_pitch import LEAST_EDGE_M, plan_pitch, step_time
 from stridetwin.sim.gait.footsteps import RUN_LANDING_S, Footstep
 from stridetwin.sim.gait.style import Style, leg_length
 from stridetwin.sim.gait.twist import turn_on_ball
@@ -108,7 +108,6 @@ _SLOPE_WITHOUT_SPEED_RAD = 0.12  # downhill slope from which the heel is only se
 _LAG_OVER = 0.85  # share of swing before touch-down in which the foot lags
 _MAX_BUMP_M = 0.4  # higher, an edge lies too near a footprint for a bump, which rises slowly
 _WIDER_ARC = 2.0  # path of a foot round one that turns on its ball, relative to that of other turns
-_LEVEL_M = 0.05  # lower differences of height are no edges for a foot that goes back in the air
 _NEAR_EDGE_M = 0.004  # margin before and behind a riser
 _NEAR_EDGE_DOWN_M = 0.012  # likewise, going down
 
@@ -323,7 +322,7 @@ def _swing_poses(
     p = _swing_positions(a, b, size, s, R, forward)
     p[:, 2] += lift
     # a foot over an edge only hovers: on its way back it would meet the riser
-    if b.hesitation is not None and abs(b.rise) < _LEVEL_M and abs(a.fall) < _LEVEL_M:
+    if b.hesitation is not None and abs(b.rise) < LEAST_EDGE_M and abs(a.fall) < LEAST_EDGE_M:
         way = b.p_foot_in_world[:2] - a.p_foot_in_world[:2]
         p[:, :2] -= b.hesitation.returned(share, b.t_touch - a.t_off)[:, None] * way
     return p, R, toe

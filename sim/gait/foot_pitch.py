@@ -80,7 +80,7 @@ class ToeOff:
     swing: tuple[tuple[float, float], ...]
 
 
-_EDGE_M = 0.05  # lower differences of height are no edges for a foot that goes backwards
+LEAST_EDGE_M = 0.05  # lower differences of height are no edges for a foot that goes back or backwards
 # knots of a swing backwards over an edge, (share of swing, pitch): the foot hangs from a bent leg
 _BACK_UP_TIPTOE_RAD = 0.30  # additional pitch at a landing backwards and up
 _BACK_OVER_EDGE = ((0.16, 0.02), (0.34, 0.22), (0.52, 0.28))
@@ -154,7 +154,7 @@ def plan_pitch(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Arr
         tiptoe = _HIGH_TIPTOE_RAD if high else _TIPTOE_BY_RISE * rise
         if b.arrival == "flat":
             tiptoe += _TIPTOE_BY_SLOPE * max(b.slope - _USUAL_SLOPE_RAD, 0.0)
-        backs_up = b.arrival == "toe" and b.p_foot_in_world[2] - a.p_foot_in_world[2] > _EDGE_M
+        backs_up = b.arrival == "toe" and b.p_foot_in_world[2] - a.p_foot_in_world[2] > LEAST_EDGE_M
         if backs_up:  # the body is still in front of the foot, and comes up over its ball
             tiptoe = _BACK_UP_TIPTOE_RAD
         # uphill the heel rises earlier, and higher at toe-off
@@ -167,7 +167,7 @@ def plan_pitch(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Arr
         # uphill the sole comes down nearly parallel to the slope, because the ankle cannot raise the toes farther
         slope_pitch = min(max(b.slope, 0.0), -landing.touch - _MIN_HEEL_FIRST_RAD) if landing.touch < 0.0 else 0.0
         swing_knots, landing_knots = tuple((u, b.swing.push * x) for u, x in toe_off.swing), landing.before
-        if a.departure == "back" and abs(a.p_foot_in_world[2] - b.p_foot_in_world[2]) > _EDGE_M:
+        if a.departure == "back" and abs(a.p_foot_in_world[2] - b.p_foot_in_world[2]) > LEAST_EDGE_M:
             swing_knots = _BACK_OVER_EDGE
         if a.departure == "push" and b.arrival == "flat":  # toes that swing up would have to go down again at once
             swing_knots, landing_knots = tuple((u, max(angle, landing.touch)) for u, angle in swing_knots), ()

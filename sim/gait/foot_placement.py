@@ -237,6 +237,11 @@ class Foothold:
     twist: Twist | None = None
     act: Act | None = None
 
+    @property
+    def other_foot(self) -> str:
+        """The foot of the next step, `l` or `r`."""
+        return "l" if self.foot == "r" else "r"
+
 
 def limp_factor(gait: Gait, foot: str) -> float:
     """Factor on step length and step time of a foot: 1 + asymmetry for `l`, 1 − asymmetry for `r`."""

@@ -56,10 +56,10 @@ def place_pivot(act: Pivot, hold: Foothold, aside: Aside, shoe: Shoe) -> tuple[F
         second[-1] = replace(second[-1], pause_s=_FACING_S)
         steps = [*first, *second]
     else:  # a small step first, as the other foot leads the turn back; and another one, so that the feet alternate
-        small = _step_on_spot(first[-1], first[0].foot)
+        small = _step_on_spot(first[-1])
         small, second = _turn(small, -act.angle_rad, shoe)
         second[-1] = replace(second[-1], pause_s=_FACING_S / 2)  # the ball's turn is over before that foot leaves
-        steps = [*first, small, *second, replace(_step_on_spot(second[-1], first[-1].foot), pause_s=_FACING_S)]
+        steps = [*first, small, *second, replace(_step_on_spot(second[-1]), pause_s=_FACING_S)]
     return before, steps, Aside(left_m=steps[-1].left_m, goal_m=aside.goal_m)
 
 
@@ -75,7 +75,7 @@ def _turn(hold: Foothold, angle: float, shoe: Shoe) -> tuple[Foothold, list[Foot
     ahead, left = _rotate(hold.yaw_rad, *middle.tolist())
     lead = replace(
         hold,
-        foot="l" if hold.foot == "r" else "r",
+        foot=hold.other_foot,
         s=hold.s + float(ahead),
         left_m=hold.left_m + float(left),
         yaw_rad=hold.yaw_rad + angle,
@@ -89,9 +89,9 @@ def _turn(hold: Foothold, angle: float, shoe: Shoe) -> tuple[Foothold, list[Foot
     return replace(hold, twist=replace(hold.twist or Twist(), out_rad=_BEFORE_LEAVING * angle)), [lead, follow]
 
 
-def _step_on_spot(hold: Foothold, foot: str) -> Foothold:
-    """A small step of the other `foot`, onto the place where it stands."""
-    return replace(hold, foot=foot, manner="place", time_s=_ADJUST_S, pause_s=0.0, twist=None)
+def _step_on_spot(hold: Foothold) -> Foothold:
+    """A small step of the other foot, onto the place where it stands."""
+    return replace(hold, foot=hold.other_foot, manner="place", time_s=_ADJUST_S, pause_s=0.0, twist=None)
 
 
 def _rotate(angle: float, x: float, y: float) -> Array:

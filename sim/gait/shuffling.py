@@ -24,7 +24,7 @@ def place_shuffling_steps(act: ShuffleInPlace, hold: Foothold, rng: np.random.Ge
         hold: Foothold before it.
         rng: Draws times and places of the steps.
     """
-    feet = ["l" if hold.foot == "r" else "r", hold.foot]
+    feet = [hold.other_foot, hold.foot]
     count = 2 * max(round(act.for_s / _STEP_S / 2), 1)
     steps = []
     for i in range(count):

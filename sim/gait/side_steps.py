@@ -58,7 +58,7 @@ def place_side_steps(act: SideStep, hold: Foothold, aside: Aside, half_width_m: 
     if abs(goal) > most:
         valid = f"{-most:.2f} to {most:.2f} m from the middle of the way after the act, which is {goal:.2f} m"
         raise ConfigError("gait", "acts.left_m", act.left_m, valid)
-    lead, count = ("l" if hold.foot == "r" else "r"), math.ceil(abs(act.left_m) / _WIDEST_M)
+    lead, count = hold.other_foot, math.ceil(abs(act.left_m) / _WIDEST_M)
     steps = []
     for k in range(1, count + 1):
         left = aside.left_m + act.left_m * k / count
