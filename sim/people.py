@@ -10,12 +10,12 @@ from typing import Annotated
 
 from pydantic import Field
 
-from stridetwin.streams.fields import MILLIMETRES, Number, OneOf
+from stridetwin.streams.fields import DEGREES, MILLIMETRES, Number, OneOf
 
 
 @dataclass(frozen=True, kw_only=True)
 class Segments:
-    """Lengths of a person's segments where they are known; those that are None follow from height and sex.
+    """A person's segments where they are known; lengths that are None follow from height and sex.
 
     Attributes:
         thigh_m: Hip centre to knee centre.
@@ -26,6 +26,7 @@ class Segments:
         shoulder_width_m: Distance of the shoulder centres.
         upper_arm_m: Shoulder centre to elbow centre.
         forearm_m: Elbow centre to wrist centre.
+        shank_twist_rad: Turn of the foot outward against the knee, about the shank's long axis; None for 0.
     """
 
     thigh_m: Annotated[Number | None, Field(ge=280, le=560, alias="thigh_mm"), MILLIMETRES] = None
@@ -36,6 +37,7 @@ class Segments:
     shoulder_width_m: Annotated[Number | None, Field(ge=240, le=500, alias="shoulder_width_mm"), MILLIMETRES] = None
     upper_arm_m: Annotated[Number | None, Field(ge=200, le=400, alias="upper_arm_mm"), MILLIMETRES] = None
     forearm_m: Annotated[Number | None, Field(ge=180, le=360, alias="forearm_mm"), MILLIMETRES] = None
+    shank_twist_rad: Annotated[Number | None, Field(ge=-30, le=50, alias="shank_twist_deg"), DEGREES] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +49,7 @@ class Person:
         mass_kg: Body mass.
         sex: `male` or `female` (de Leva's tables).
         shoe_m: Shoe size as the length of the foot that it fits (260 mm and the like); None derives it from the height.
-        segments: Lengths of segments that differ from those of the tables; None for a person of the tables.
+        segments: Segments that differ from those of the tables; None for a person of the tables.
     """
 
     height_m: Annotated[Number, Field(ge=1.5, le=1.95)] = 1.75

@@ -23,6 +23,7 @@ from stridetwin.sim.kinematics.rigid_tree import Tree, chain_loads
 from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.sim.wearer.exo_couplings import check_cuff_stiffness, exo_couplings, leg_frame
 from stridetwin.sim.wearer.exoskeleton import FRICTION_SPEED_RADPS, RANGE_RAD, ExoLinks, outward
+from stridetwin.streams.algebra.arrays import rot_z
 from stridetwin.streams.samples import Array
 
 STOP_STIFFNESS = 1500.0  # N m/rad, rubber on the mechanical stops
@@ -140,17 +141,12 @@ def check_legs(model: mujoco.MjModel, size: Wearer) -> None:
     upright = np.eye(3)[None]  # (1, 3, 3) rotation of every body of a standing wearer
     for side in SIDES:
         leg = ExoLeg(size, side)
-        # (1, 3) m, origin of the foot's frame in the pelvis' frame
-        foot = np.array(
-            [
-                [
-                    -size.ankle_x,
-                    size.body.hip_half_width_m * outward(side),
-                    -size.body.thigh_m - size.body.shank_m - size.body.ankle_height_m,
-                ]
-            ]
+        ankle = np.array(  # m, in the pelvis' frame
+            [0.0, size.body.hip_half_width_m * outward(side), -size.body.thigh_m - size.body.shank_m]
         )
-        wearer = leg_pose(size, side, upright, upright, foot, upright)
+        R_foot = rot_z(np.array([outward(side) * size.body.shank_twist_rad]))
+        foot = ankle - R_foot @ np.array([size.ankle_x, 0.0, size.body.ankle_height_m])
+        wearer = leg_pose(size, side, upright, upright, foot, R_foot)
         value, jacobian = leg.strains(np.zeros((1, len(leg.frame.joints))), wearer)
         dofs = np.array([model.joint(name).dofadr[0] for name in leg.frame.joints])
         # (J, J) stiffness and damping of the couplings as seen by the joints of the leg

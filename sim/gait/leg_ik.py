@@ -2,7 +2,7 @@
 
 The leg is hip (flexion, adduction, rotation), knee (flexion), ankle (dorsiflexion, inversion); its thigh and shank
 span a plane normal to the knee's axis, which fixes every angle (Kajita et al., Introduction to Humanoid Robotics,
-ch. 2.5, with this model's order of axes).
+ch. 2.5, with this model's order of axes, and a shank that may be twisted).
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stridetwin.sim.wearer.dimensions import Wearer
-from stridetwin.streams.algebra.arrays import rot_x, rot_y
+from stridetwin.streams.algebra.arrays import rot_x, rot_y, rot_z
 from stridetwin.streams.samples import Array
 
 
@@ -76,16 +76,20 @@ def solve_leg(
     p_hip = p_pelvis_in_world + R_world_pelvis @ np.array([0.0, sign * size.body.hip_half_width_m, 0.0])
     in_world = p_hip - ankle_in_world(size, p_foot_in_world, R_world_foot)
     r = np.einsum("nji,nj->ni", R_world_foot, in_world)  # ankle to hip, in the foot's frame
-    inversion = np.arctan2(r[:, 1], r[:, 2])
     a, b = size.body.thigh_m, size.body.shank_m
     distance = np.linalg.norm(r, axis=1)  # from ankle to hip; `within` is as much of it as the leg reaches
     within = np.minimum(distance, reach(size, min_knee))
     # law of cosines in the triangle of hip, knee and ankle
     knee = np.arccos(np.clip((within**2 - a * a - b * b) / (2 * a * b), -1.0, 1.0))
-    # angle at the ankle between the shank and the line to the hip
-    lean_of_leg = np.arctan2(-a * np.sin(knee), b + a * np.cos(knee))
-    dorsiflexion = np.arctan2(r[:, 0], np.hypot(r[:, 1], r[:, 2])) - lean_of_leg
-    R_world_shank = R_world_foot @ rot_x(-inversion) @ rot_y(dorsiflexion)
+    # the hip from the ankle in axes that are twisted against the shank: r = R_x(−inversion) R_y(dorsiflexion) v
+    twist = sign * size.body.shank_twist_rad
+    v_x, v_z = -a * np.sin(knee) * np.cos(twist), b + a * np.cos(knee)
+    v_y = a * np.sin(knee) * np.sin(twist) * distance / within
+    above = np.hypot(r[:, 1], r[:, 2])
+    upright = above * np.sqrt(1.0 - np.minimum((v_y / above) ** 2, 1.0))
+    inversion = np.arctan2(r[:, 1], r[:, 2]) - np.arctan2(v_y, upright)
+    dorsiflexion = np.arctan2(r[:, 0], upright) - np.arctan2(v_x, v_z)
+    R_world_shank = R_world_foot @ rot_x(-inversion) @ rot_y(dorsiflexion) @ rot_z(np.array(-twist))
     # thigh in the pelvis' frame; it equals R_y(−flexion) R_x(roll) R_z(yaw), from which the hip's angles follow
     R = np.swapaxes(R_world_pelvis, 1, 2) @ R_world_shank @ rot_y(-knee)
     roll = -np.arcsin(np.clip(R[:, 1, 2], -1.0, 1.0))

@@ -154,7 +154,8 @@ def find_ground(
             groups[-1].append(int(k))
         else:
             groups.append([int(k)])
-    levels = np.array([float(np.mean(z[g])) for g in groups])
+    frames = np.array([0.0 if s.flat is None else s.flat[1] - s.flat[0] for s in stances])
+    levels = np.array([float(np.average(z[g], weights=frames[g])) for g in groups])
     feet = np.array([s.p for s in stances])
     ramp = _find_ramp([s for s in stances if s.flat is not None], shoe)
     if ramp is not None:
@@ -165,10 +166,10 @@ def find_ground(
     aside = float(np.abs(feet[:, 1]).max())
     width = max(_MIN_WIDTH_M, 2 * (aside + _BESIDE_M))
     heights, slopes = np.empty(len(stances)), np.zeros(len(stances))
-    levels = levels - levels[0]
+    first = float(levels[0])
+    levels = levels - first
     for group, level in zip(groups, levels):
         heights[group] = level
-    first = float(np.mean(z[groups[0]]))
     for k in np.flatnonzero(~flat):
         nearest = levels[int(np.argmin(np.abs(levels - (z[k] - first))))]
         heights[k] = nearest if abs(nearest - (z[k] - first)) < parameters.riser_m else np.nan

@@ -19,7 +19,15 @@ from scipy.spatial.transform import Rotation
 from stridetwin.sim.motion.marker_sets import MarkerPlace
 from stridetwin.sim.motion.parameters import MotionParameters
 from stridetwin.sim.motion.read import MarkerTable
-from stridetwin.sim.motion.skeleton import LENGTHS, LengthChanges, Skeleton, length_values, lengths_of, with_lengths
+from stridetwin.sim.motion.skeleton import (
+    LENGTHS,
+    LengthChanges,
+    Skeleton,
+    length_values,
+    lengths_of,
+    with_lengths,
+    with_twist,
+)
 from stridetwin.sim.people import Person
 from stridetwin.sim.wearer.anthropometry import LEAF_LENGTHS_M, leaf_scales
 from stridetwin.sim.wearer.body import LEG_JOINTS
@@ -31,6 +39,9 @@ _STATURE_M = 1.741  # of the person for whom the sets of markers are written
 _INDEPENDENT_FRAMES = 4.0  # skin moves with the posture and returns with it: frames whose errors are independent
 _LENGTH_SD = {"hip_width_m": 0.01, "trunk_m": 0.05, "ankle_height_m": 0.012, "shoe_m": 0.015}
 _USUAL_LENGTH_SD_M = 0.03
+# adults' feet point 12 ± 8.7° outward against the knees (thigh-foot angle of -5 to 30°: Staheli et al. 1985)
+_USUAL_TWIST_RAD, _TWIST_SD_RAD = np.radians([12.0, 8.7])
+_TWIST_LIMITS_RAD = np.radians([-30.0, 50.0])
 _FITTED_M = 2e-4  # largest change of a length or place in the last step
 _LENGTH_LIMITS_M = {
     "thigh_m": (0.28, 0.56), "shank_m": (0.28, 0.56), "ankle_height_m": (0.06, 0.15), "hip_width_m": (0.11, 0.24),
@@ -241,17 +252,20 @@ def calibrate(
     free = np.flatnonzero(points.sd_m > 0.0)
     length_sd = np.array([_LENGTH_SD.get(name, _USUAL_LENGTH_SD_M) for name in LENGTHS])
     low, high = np.array([_LENGTH_LIMITS_M[name] for name in LENGTHS]).T
-    prior_precision = np.concatenate([length_sd**-2, np.repeat(points.sd_m[free], 3) ** -2])
+    twist = 0.0 if person.segments is None else person.segments.shank_twist_rad or 0.0
+    prior_precision = np.concatenate([length_sd**-2, [_TWIST_SD_RAD**-2], np.repeat(points.sd_m[free], 3) ** -2])
     share = min(1.0, _INDEPENDENT_FRAMES / len(frames))
     changes = LengthChanges.of(lengths_of(replace(person, segments=None, shoe_m=None)))  # the same for all lengths
     first_lengths, first_skeleton = lengths, Skeleton.of(person)
     L = len(LENGTHS)
     for _ in range(rounds or parameters.calibration_rounds):
-        skeleton = changes.apply(first_skeleton, lengths - first_lengths)
+        skeleton = changes.apply(first_skeleton, lengths - first_lengths).with_twist(twist)
         points = replace(points, places=places)
         prior = posture_prior(skeleton, points, x, 0.01, parameters)
         H, g, cross, shared, shared_g = _build_shared_equations(skeleton, points, changes, free, x, prior, parameters)
-        off = np.concatenate([lengths - start_lengths, (places - start_places)[free].ravel()])
+        off = np.concatenate(
+            [lengths - start_lengths, [twist - _USUAL_TWIST_RAD], (places - start_places)[free].ravel()]
+        )
         solved = np.linalg.solve(H, np.concatenate([cross, g[..., None]], axis=2))
         eliminated = cross.reshape(-1, cross.shape[2]).T @ solved.reshape(-1, solved.shape[2])
         reduced = share * (shared - eliminated[:, :-1]) + np.diag(prior_precision)
@@ -259,11 +273,12 @@ def calibrate(
         step = np.linalg.solve(reduced, right)
         x = x + solved[..., -1] - solved[..., :-1] @ step
         lengths = np.clip(lengths + step[:L], low, high)
+        twist = float(np.clip(twist + step[L], *_TWIST_LIMITS_RAD))
         places = places.copy()
-        places[free] += step[L:].reshape(-1, 3)
+        places[free] += step[L + 1 :].reshape(-1, 3)
         if np.abs(step).max() < _FITTED_M:
             break
-    return with_lengths(person, lengths), replace(points_all, places=places)
+    return with_twist(with_lengths(person, lengths), twist), replace(points_all, places=places)
 
 
 def point_errors(skeleton: Skeleton, points: PointSet, x: Array) -> Array:
@@ -336,7 +351,7 @@ def _build_shared_equations(
         (N, D, D) and (N, D) of the coordinates; (N, D, S) coupling; (S, S) and (S,) of what is shared.
     """
     n, count = x.shape
-    L = len(LENGTHS)
+    L = len(LENGTHS) + 1  # with the twist
     poses = skeleton.poses(x)
     at = skeleton.points(poses, points.bodies, points.places)
     error = np.nan_to_num(points.paths - at)
@@ -346,7 +361,13 @@ def _build_shared_equations(
     diagonal = np.arange(6)
     H[:, diagonal, diagonal] += 1e-6
     J = np.swapaxes(skeleton.jacobian(poses, points.bodies, at), 2, 3) * w[..., None, None]  # (N, P, D, 3)
-    by_lengths = changes.jacobian(skeleton, poses, points.bodies)  # (N, P, 3, L)
+    by_lengths = np.concatenate(  # (N, P, 3, L)
+        [
+            changes.jacobian(skeleton, poses, points.bodies),
+            skeleton.twist_jacobian(poses, points.bodies, at)[..., None],
+        ],
+        axis=-1,
+    )
     R = poses.R[:, points.bodies[free]]  # by which the place of a free point moves that point alone
     cross = np.empty((n, count, L + 3 * len(free)))
     cross[..., :L] = np.moveaxis(J, 1, 2).reshape(n, count, -1) @ by_lengths.reshape(n, -1, L)

@@ -16,10 +16,12 @@ from stridetwin.sim.people import Person, Segments
 from stridetwin.sim.wearer.anthropometry import SHOE_OVER_FOOT_M, anthropometry
 from stridetwin.sim.wearer.body import add_wearer, compile_model
 from stridetwin.sim.wearer.dimensions import Wearer
+from stridetwin.streams.algebra.arrays import from_quaternion, rot_z
 from stridetwin.streams.samples import Array
 
-LENGTHS = (*(field.name for field in fields(Segments)), "shoe_m")
+LENGTHS = (*(field.name for field in fields(Segments) if field.name.endswith("_m")), "shoe_m")
 """Names of the lengths that are fitted to a person."""
+_OUTWARD = {"l": 1.0, "r": -1.0}  # direction about the vertical in which a foot turns outward
 _STEP_M = 0.01  # of the differences by which the places of bodies change with the lengths
 
 
@@ -48,8 +50,9 @@ class Skeleton:
         layout: Names and order of the D coordinates.
         bodies: Names of the B bodies, carriers first; the first is the root.
         parent: (B,) number of each body's carrier, -1 of the root.
-        offset: (B, 3) m, origin in the carrier's frame.
+        offset: (B, 3) m, origin in the carrier's frame if the body were not turned.
         anchor: (B, 3) m, point about which all hinges of a body rotate, in its frame.
+        turn: (B, 3, 3) body to carrier while its hinges are at 0; it is turned about its anchor.
         hinges: For each body its coordinates, each with its axis (3,) in the body's frame.
         carries: (B, D) whether a coordinate moves a body.
         limits: (D, 2) rad, range of each coordinate; infinite for the root.
@@ -61,6 +64,7 @@ class Skeleton:
     parent: NDArray[np.int64]
     offset: Array
     anchor: Array
+    turn: Array
     hinges: tuple[tuple[tuple[int, Array], ...], ...]
     carries: NDArray[np.bool_]
     limits: Array
@@ -93,7 +97,8 @@ class Skeleton:
                 carries[i] = carries[parent[i]]
             carries[i, [column for column, _ in body_hinges]] = True
             hinges.append(tuple(body_hinges))
-        offset = model.body_pos[1:].copy()
+        turn = from_quaternion(model.body_quat[1:])
+        offset = model.body_pos[1:] + np.einsum("bij,bj->bi", turn, anchor) - anchor
         offset[0] = 0.0  # the root's place is its coordinates
         return cls(
             size=size,
@@ -102,6 +107,7 @@ class Skeleton:
             parent=parent,
             offset=offset,
             anchor=anchor,
+            turn=turn,
             hinges=tuple(hinges),
             carries=carries,
             limits=limits,
@@ -115,6 +121,13 @@ class Skeleton:
         """Number of a coordinate."""
         return self.layout.names.index(name)
 
+    def with_twist(self, twist_rad: float) -> Skeleton:
+        """The skeleton with feet that are turned outward against the knees by another angle."""
+        turn = self.turn.copy()
+        for side, outward in _OUTWARD.items():
+            turn[self.index(f"foot_{side}")] = rot_z(np.array(outward * twist_rad))
+        return replace(self, turn=turn)
+
     def poses(self, x: Array) -> Poses:
         """Poses of all bodies at (N, D) coordinates."""
         n, count = len(x), len(self.bodies)
@@ -123,7 +136,7 @@ class Skeleton:
         for b, up in enumerate(self.parent):
             carrier_R, carrier_p = (R[:, up], p[:, up]) if up >= 0 else (np.eye(3)[None].repeat(n, 0), x[:, :3])
             point = carrier_p + carrier_R @ (self.offset[b] + self.anchor[b])
-            body_R = carrier_R
+            body_R = carrier_R @ self.turn[b]
             for column, axis in self.hinges[b]:
                 axes[:, column], anchors[:, column] = body_R @ axis, point
                 body_R = body_R @ _rotate(axis, x[:, column])
@@ -146,6 +159,16 @@ class Skeleton:
             arm = points[:, rows, None] - poses.anchors[:, None, columns]
             turned = _cross(poses.axes[:, None, columns], arm)  # (N, rows, columns, 3)
             J[:, rows[:, None], :, columns[None]] = np.moveaxis(turned, 0, 2)
+        return J
+
+    def twist_jacobian(self, poses: Poses, bodies: NDArray[np.int64], points: Array) -> Array:
+        """(N, P, 3) 1/rad, derivatives of (N, P, 3) points on (P,) bodies by the twist of both shanks."""
+        J = np.zeros_like(points)
+        for side, outward in _OUTWARD.items():
+            ankle = self.column(f"ankle_dorsiflexion_{side}")
+            beyond = np.flatnonzero(self.carries[bodies, ankle])
+            shank = poses.R[:, self.index(f"shank_{side}")]
+            J[:, beyond] = outward * _cross(shank[:, None, :, 2], points[:, beyond] - poses.anchors[:, None, ankle])
         return J
 
     def gather(
@@ -248,6 +271,7 @@ def lengths_of(person: Person) -> Person:
             shoulder_width_m=2 * body.shoulder_half_width_m,
             upper_arm_m=body.upper_arm_m,
             forearm_m=body.forearm_m,
+            shank_twist_rad=body.shank_twist_rad,
         ),
     )
 
@@ -260,8 +284,13 @@ def length_values(person: Person) -> Array:
 def with_lengths(person: Person, values: Sequence[float] | Array) -> Person:
     """The person with other lengths (L,), m, in the order of `LENGTHS`."""
     table: Mapping[str, float] = {name: float(value) for name, value in zip(LENGTHS, values)}
-    segments = Segments(**{name: value for name, value in table.items() if name != "shoe_m"})
-    return replace(person, shoe_m=table["shoe_m"], segments=segments)
+    lengths = {name: value for name, value in table.items() if name != "shoe_m"}
+    return replace(person, shoe_m=table["shoe_m"], segments=replace(person.segments or Segments(), **lengths))
+
+
+def with_twist(person: Person, twist_rad: float) -> Person:
+    """The person with feet that are turned outward against the knees by another angle."""
+    return replace(person, segments=replace(person.segments or Segments(), shank_twist_rad=twist_rad))
 
 
 def _with_length(person: Person, name: str, change: float) -> Person:

@@ -84,6 +84,7 @@ class Anthropometry:
         shoe_length_m: Outer length of the shoe.
         trunk_m: Hip centres to the top of the head.
         shoulder_half_width_m: Half the distance of the shoulder centres.
+        shank_twist_rad: Turn of the foot outward against the knee.
         inertials: Mass properties by body: pelvis, torso, head, upper_arm, forearm, hand, thigh, shank, foot, toe.
     """
 
@@ -96,6 +97,7 @@ class Anthropometry:
     shoe_length_m: float
     trunk_m: float
     shoulder_half_width_m: float
+    shank_twist_rad: float
     inertials: dict[str, MassProperties]
 
 
@@ -174,6 +176,7 @@ def anthropometry(person: Person) -> Anthropometry:
         shoe_length_m=(person.shoe_m or _FOOT_LENGTH * person.height_m) + SHOE_OVER_FOOT_M,
         trunk_m=trunk,
         shoulder_half_width_m=own.shoulder_width_m / 2 if own.shoulder_width_m else _SHOULDER_HALF_WIDTH * trunk,
+        shank_twist_rad=own.shank_twist_rad or 0.0,
         inertials=inertials,
     )
 

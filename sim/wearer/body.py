@@ -18,6 +18,7 @@ from stridetwin.sim.wearer.dimensions import Shoe, Wearer
 from stridetwin.sim.wearer.exo_body import add_exoskeleton, add_own_exo
 from stridetwin.sim.wearer.exoskeleton import ExoLinks, fit_links, modules
 from stridetwin.sim.wearer.leaves import attach, read_leaf, silence_prefix_warnings
+from stridetwin.streams.algebra.arrays import rot_z
 
 # hinges of a leg from the hip to the toes; in the model, each name ends with the side
 LEG_JOINTS = (
@@ -98,9 +99,12 @@ def add_wearer(spec: mujoco.MjSpec, person: Person, exo: Exo | None) -> Wearer:
     for side in SIDES:
         y = 1.0 if side == "l" else -1.0  # direction outwards
         leg = _scale_leaf("leg", {name: scales[name] for name in ("thigh", "shank")}, girth)
-        leg.body("foot").pos = [-size.ankle_x, 0, -body.shank_m - body.ankle_height_m]
+        ankle_in_foot = np.array([size.ankle_x, 0.0, body.ankle_height_m])
+        twist = body.shank_twist_rad  # of the left leg, whose mirror image the right one is
+        leg.body("foot").quat = [np.cos(twist / 2), 0, 0, np.sin(twist / 2)]
+        leg.body("foot").pos = np.array([0.0, 0.0, -body.shank_m]) - rot_z(np.array(twist)) @ ankle_in_foot
         for joint in ("ankle_dorsiflexion", "ankle_inversion"):
-            leg.joint(joint).pos = [size.ankle_x, 0, body.ankle_height_m]
+            leg.joint(joint).pos = ankle_in_foot
         leg.body("toe").pos = [size.shoe.toe_hinge_x, 0, size.shoe.toe_hinge_z]
         attach(pelvis, leg, "thigh", [0, y * body.hip_half_width_m, 0], side)
         for part, carrier in (("shoe_rear", "foot"), ("shoe_toe", "toe")):

@@ -70,6 +70,7 @@ def _mirror(spec: mujoco.MjSpec) -> None:
         frame.quat = np.asarray(frame.quat) * [1, -1, 1, -1]
     for body in spec.bodies[1:]:
         body.pos = np.asarray(body.pos) * [1, -1, 1]
+        body.quat = np.asarray(body.quat) * [1, -1, 1, -1]
         body.ipos = np.asarray(body.ipos) * [1, -1, 1]
         for geom in body.geoms:
             geom.pos = np.asarray(geom.pos) * [1, -1, 1]

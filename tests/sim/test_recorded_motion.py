@@ -18,7 +18,7 @@ from stridetwin.sim.motion.loop import loop_walk
 from stridetwin.sim.motion.marker_sets import describe_site, place_markers
 from stridetwin.sim.motion.parameters import MotionParameters
 from stridetwin.sim.motion.read import read_markers, read_number_table, read_trc
-from stridetwin.sim.motion.skeleton import LengthChanges, Skeleton, length_values, lengths_of, with_lengths
+from stridetwin.sim.motion.skeleton import LengthChanges, Skeleton, length_values, lengths_of, with_lengths, with_twist
 from stridetwin.sim.twin import Twin
 from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.errors import ConfigError
@@ -88,7 +88,7 @@ def test_left_and_right_sites_mirror() -> None:
 
 
 def test_jacobians_are_the_differences() -> None:
-    person = lengths_of(_PERSON)
+    person = with_twist(lengths_of(_PERSON), 0.2)
     skeleton, rng = Skeleton.of(person), np.random.default_rng(1)
     x = 0.4 * rng.normal(size=(3, len(skeleton.layout.names)))
     bodies = np.array([skeleton.index(name) for name in ("toe_l", "head", "hand_r")])
@@ -102,6 +102,12 @@ def test_jacobians_are_the_differences() -> None:
         np.testing.assert_allclose(
             (skeleton.points(skeleton.poses(moved), bodies, places) - at) / step, J[..., k], atol=1e-5
         )
+    turned = skeleton.with_twist(0.2 + step)
+    np.testing.assert_allclose(
+        (turned.points(turned.poses(x), bodies, places) - at) / step,
+        skeleton.twist_jacobian(poses, bodies, at),
+        atol=1e-5,
+    )
     by_length = LengthChanges.of(person).jacobian(skeleton, poses, bodies)
     for k, value in enumerate(length_values(person)):
         lengths = length_values(person)
@@ -133,11 +139,12 @@ def test_normal_equations_are_those_of_the_jacobian() -> None:
 
 
 def test_fit_finds_lengths_and_motion_again() -> None:
-    """Markers made from a person with long thighs give the thighs and the motion back."""
+    """Markers made from a person with long thighs and twisted shanks give these and the motion back."""
     start = lengths_of(_PERSON)
     lengths = length_values(start)
     lengths[0] += 0.03  # thigh
-    truth = Skeleton.of(with_lengths(start, lengths))
+    twist = np.radians(25.0)
+    truth = Skeleton.of(with_twist(with_lengths(start, lengths), twist))
     t = np.linspace(0.0, 3.0, 150)
     x = np.zeros((len(t), len(truth.layout.names)))
     x[:, 2] = 0.9
@@ -164,6 +171,7 @@ def test_fit_finds_lengths_and_motion_again() -> None:
     fitted, points = calibrate(start, points, begin, parameters)
     assert fitted.segments is not None
     assert fitted.segments.thigh_m == pytest.approx(lengths[0], abs=0.006)
+    assert fitted.segments.shank_twist_rad == pytest.approx(twist, abs=np.radians(4.0))  # the usual twist pulls
     skeleton = Skeleton.of(fitted)
     solved = solve_coordinates(skeleton, points, begin, t[1] - t[0], parameters)
     at = skeleton.points(skeleton.poses(solved), bodies, points.places)
