@@ -95,7 +95,7 @@ def _film_section(film: Film | None) -> str:
     """The section with the film and its stills; empty without a film."""
     if film is None:
         return ""
-    stills = [(f"{t:.0f} s", jpeg_uri(rgb)) for t, rgb in film.stills]
+    stills = [(f"{t:.1f} s", jpeg_uri(rgb)) for t, rgb in film.stills]
     source = data_uri(film.webm, "video/webm")
     _, poster = stills[len(stills) // 3]  # the picture that is shown before the film plays
     body = render_template("film", source=source, poster=poster, stills=stills)
