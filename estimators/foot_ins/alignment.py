@@ -33,7 +33,7 @@ _ALIGN_TIMEOUT_S = 2.0  # after this time the filter starts without a stationary
 # Errors of an alignment at rest and of one in motion: the tilt, and the speed of the foot.
 _TILT_SD_RAD, _SPEED_SD_MPS = 0.0175, 0.01
 _MOVING_TILT_SD_RAD, _MOVING_SPEED_SD_MPS = 0.2, 1.0
-_GAP_SPEED_MPS, _GAP_TURN_RATE_RADPS = 1.5, 0.5  # motion of the wearer while the filter is lost
+GAP_SPEED_MPS, GAP_TURN_RATE_RADPS = 1.5, 0.5  # motion of the wearer while the filter is lost
 
 
 @njit(**INNER_KERNEL)
@@ -63,7 +63,8 @@ def begin(memory: state.FilterState, t_ns: int) -> None:
 def align(memory: state.FilterState, parameters: KernelParameters, t_ns: int, force: Vec3, statistic: float) -> None:
     """Takes one sample into the alignment, which levels the attitude by the mean force.
 
-    The alignment ends once the foot was stationary for `_ALIGN_S`. It also ends, with larger standard deviations, after
+    The alignment ends once the foot was stationary for `_ALIGN_S`. After a swing a stance counts that is less quiet, as
+    in the updates of zero velocity, with larger standard deviations. It also ends, with the largest ones, after
     `_ALIGN_TIMEOUT_S` in motion. At its end the phase becomes NAVIGATING. At the end of the first alignment the lever
     arm is also set: from the sensor straight down to the sole, by `lever_arm_m`.
 
@@ -76,7 +77,9 @@ def align(memory: state.FilterState, parameters: KernelParameters, t_ns: int, fo
         statistic: Motion statistic at the sample.
     """
     clock, force_sum = memory.clock, memory.force_sum
-    if statistic > parameters.stationary_level + unknown_bias_statistic(memory):  # the foot moves: start again
+    # how much less quiet a stance after a swing may be than one of a person who stands
+    unrest = max(1.0, parameters.stationary_share * memory.peak[0] / parameters.stationary_level)
+    if statistic > unrest * parameters.stationary_level + unknown_bias_statistic(memory):  # the foot moves: start again
         clock[state.T_STATIONARY] = t_ns
         clear(force_sum[0])
     for k in range(2):
@@ -87,8 +90,8 @@ def align(memory: state.FilterState, parameters: KernelParameters, t_ns: int, fo
     late = (t_ns - clock[state.T_ALIGN]) * 1e-9 >= _ALIGN_TIMEOUT_S
     period = 0 if stationary or not late else 1  # row of `force_sum`: stationary period, or the whole alignment
     level_attitude(memory, vec3_at(force_sum[period], 0))
-    tilt_sd = _TILT_SD_RAD if stationary else _MOVING_TILT_SD_RAD
-    speed_sd = _SPEED_SD_MPS if stationary else _MOVING_SPEED_SD_MPS
+    tilt_sd = min(_TILT_SD_RAD * math.sqrt(unrest), _MOVING_TILT_SD_RAD) if stationary else _MOVING_TILT_SD_RAD
+    speed_sd = min(_SPEED_SD_MPS * math.sqrt(unrest), _MOVING_SPEED_SD_MPS) if stationary else _MOVING_SPEED_SD_MPS
     _set_covariance(memory, parameters, t_ns, tilt_sd, speed_sd)
     if stationary or late:  # the alignment ends
         size = math.sqrt(dot(vec3_at(force_sum[0], 0), vec3_at(force_sum[0], 0))) / max(force_sum[0, 3], 1.0)
@@ -180,13 +183,13 @@ def _set_covariance(
     levered = clock[state.LEVER_KNOWN] != 0
     for i in range(3):
         p, g, b = o + state.D_POSITION + i, o + state.D_GYRO_BIAS + i, o + state.D_ACCEL_BIAS + i
-        P[p, p] = P[p, p] + _GAP_SPEED_MPS**2 * growth if levered else memory.start_sd[0] ** 2
+        P[p, p] = P[p, p] + GAP_SPEED_MPS**2 * growth if levered else memory.start_sd[0] ** 2
         P[o + state.D_VELOCITY + i, o + state.D_VELOCITY + i] = speed_sd**2
         if not levered:
             P[g, g], P[b, b] = parameters.gyro_bias_sd_radps**2, parameters.accel_bias_sd_mps2**2
     tilt, heading = o + state.D_ATTITUDE, o + state.D_ATTITUDE + 2
     P[tilt, tilt] = P[tilt + 1, tilt + 1] = tilt_sd**2
-    heading_growth = _GAP_TURN_RATE_RADPS**2 * growth
+    heading_growth = GAP_TURN_RATE_RADPS**2 * growth
     P[heading, heading] = P[heading, heading] + heading_growth if levered else memory.start_sd[1] ** 2
     if not levered:
         for i in range(state.D_CONTACT, state.STATES):

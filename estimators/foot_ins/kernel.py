@@ -86,10 +86,10 @@ def add_sample(
         begin(memory, t_ns)
     append_sample(memory, t_ns, rate, force)
     statistic = motion_statistic(memory, parameters)
+    memory.peak[0] = max(statistic, memory.peak[0] * math.exp(-dt / _PEAK_DECAY_S))  # decaying peak of the statistic
     phase = state.NAVIGATING
     if clock[state.PHASE] == state.ALIGNING:
         phase = state.ALIGNING
-        memory.peak[0] = statistic  # recent peak of the statistic
         align(memory, parameters, t_ns, force, statistic)
     else:
         clock[state.T_KNOWN] = t_ns  # the last time at which the filter followed the foot
@@ -127,7 +127,6 @@ def step(
         learn_bias_at_rest(memory, parameters, rate, dt, _may_rest(memory, parameters))
     if phase != state.NAVIGATING:
         return phase, math.inf
-    memory.peak[0] = max(statistic, memory.peak[0] * math.exp(-dt / _PEAK_DECAY_S))  # decaying peak of the statistic
     predict(memory, parameters, rate, force, dt)
     bend_path(memory, dt)
     restore_peaks(memory, parameters)

@@ -9,10 +9,23 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators import foot_ins
+from stridetwin.estimators.foot_ins.alignment import GAP_SPEED_MPS, GAP_TURN_RATE_RADPS
 from stridetwin.estimators.foot_ins.clipping import is_clipped
 from stridetwin.estimators.foot_ins.kernel import MAX_GAP_S, is_possible, step, write_estimate
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
-from stridetwin.estimators.foot_ins.state import ATTITUDE, D_ATTITUDE, IGNORED, NAVIGATING, PHASE, T_LAST, VELOCITY
+from stridetwin.estimators.foot_ins.state import (
+    ATTITUDE,
+    D_ATTITUDE,
+    D_POSITION,
+    IGNORED,
+    LEVER_KNOWN,
+    NAVIGATING,
+    PHASE,
+    T_ALIGN,
+    T_LAST,
+    T_STATIONARY,
+    VELOCITY,
+)
 from stridetwin.estimators.foot_ins.strapdown import mirror, transpose_rows
 from stridetwin.estimators.foot_to_foot.parameters import PairParameters
 from stridetwin.estimators.foot_to_foot.published import relative_position_update, step_published
@@ -111,6 +124,29 @@ def _subtract_scale_error(M: Array, a: int, s: int, R: Mat3, rate: Vec3, dt: flo
             M[a + i, j] -= turned[i] * dt
 
 
+@njit(**INNER_KERNEL)
+def _are_aligned(pair: Pair) -> bool:
+    """Whether both feet have been aligned at least once."""
+    return bool(pair.feet[0].clock[LEVER_KNOWN] != 0 and pair.feet[1].clock[LEVER_KNOWN] != 0)
+
+
+@njit(**INNER_KERNEL)
+def _widen_start(pair: Pair) -> None:
+    """Makes the right foot's start beside the left one as uncertain as both may have moved before they stood still.
+
+    The guess that feet stand side by side is of the first sample. People who stand there do not move; a recording that
+    begins in the middle of a walk has feet that stand still one after the other.
+    """
+    moved_s = 0.0
+    for f in range(2):
+        clock = pair.feet[f].clock
+        moved_s += (clock[T_STATIONARY] - clock[T_ALIGN]) * 1e-9
+    P, o = pair.covariance, pair.feet[1].row
+    for i in range(3):
+        P[o + D_POSITION + i, o + D_POSITION + i] += (GAP_SPEED_MPS * moved_s) ** 2
+    P[o + D_ATTITUDE + 2, o + D_ATTITUDE + 2] += (GAP_TURN_RATE_RADPS * moved_s) ** 2
+
+
 @_entry_kernel
 def run(
     pair: Pair,
@@ -142,6 +178,7 @@ def run(
         kind, t_ns, f, row = events.kind[k], events.t_ns[k], int(events.foot[k]), events.row[k]
         if kind == IMU:
             memory = pair.feet[f]
+            were_aligned = _are_aligned(pair)
             rate, scales = vec3_at(events.rate[row], 0), vec3_at(pair.scales[f], 0)
             # without the estimated scale errors of the gyro
             rate = (1.0 - scales[0]) * rate[0], (1.0 - scales[1]) * rate[1], (1.0 - scales[2]) * rate[2]
@@ -152,6 +189,8 @@ def run(
                 phase[k], figure[k] = step_published(memory, feet[f], parameters, t_ns, rate, force)
             else:
                 phase[k], figure[k] = step(memory, feet[f], t_ns, rate, force)
+            if _are_aligned(pair) and not were_aligned:
+                _widen_start(pair)
             inject_all(pair)
             last = k
         else:
