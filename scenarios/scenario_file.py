@@ -24,7 +24,7 @@ SENSORS: tuple[str, ...] = TwinConfig.sensors
 CAMERAS = ("foot_camera", "head_camera")
 """Groups of sensors with images."""
 # keys of a file that are fields of the route, and of the configuration
-_OF_ROUTE = ("width_m", "scenery", "texture", "light", "light_changes", "bystanders", "things")
+_OF_ROUTE = ("width_m", "scenery", "texture", "light", "light_changes", "bystanders", "things", "unevenness_m")
 _OF_CONFIG = ("person", "exo", "gait", "physics", "dynamics", "rig_mount", "ideal", "shock", "faults", "site")
 
 
@@ -120,6 +120,9 @@ def scenario_of(node: object, path: Path) -> Scenario:
         if config.physics != "kinematic":
             valid = "kinematic, as a recorded motion has no plan that a simulated walker could follow"
             raise ConfigError(path, "physics", config.physics, valid)
+        if route.unevenness_m:
+            valid = "0, as the soles of a recorded motion are pinned to a level floor, risers and ramps"
+            raise ConfigError(path, "unevenness_mm", 1e3 * route.unevenness_m, valid)
         from stridetwin.sim.motion.source import apply_motion  # MuJoCo, so imported when it is needed
 
         config, _ = apply_motion(config)

@@ -580,6 +580,8 @@ class ScenarioFile(FileModel):
         light_changes: Changes of the light during the walk, each at a time or at a place of the way.
         bystanders: Number of other people who walk around.
         things: Objects on the route, beside it or at its end.
+        unevenness_m: Of the floor: standard deviation of the difference in height of two places 3 m apart; 0 is an
+            exact floor.
         gait: Speed, style and variability of the walk.
         physics: `kinematic` plays the plan, `dynamic` simulates it forward.
         dynamics: How `physics: dynamic` simulates.
@@ -605,6 +607,7 @@ class ScenarioFile(FileModel):
     ] = ()
     bystanders: Annotated[StrictInt, Field(ge=0, le=MAX_BYSTANDERS)] = 0
     things: Annotated[tuple[Annotated[Any, _Thing], ...], Field(min_length=1)] = ()
+    unevenness_m: Annotated[Number, Field(ge=0, le=20, alias="unevenness_mm"), MILLIMETRES] = 0.0
     gait: Annotated[Gait, BeforeValidator(_fill_pattern)] = Gait()
     physics: Annotated[str, OneOf(PHYSICS)] = "kinematic"
     dynamics: Dynamics | None = None

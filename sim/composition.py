@@ -34,14 +34,18 @@ class Composition:
     sensor_rig: SensorRig
 
 
-def compose(config: TwinConfig) -> Composition:
+def compose(config: TwinConfig, seed: int = 0) -> Composition:
     """Composes the model of a walk from terrain, wearer, sensors, soles and bystanders; no motion is planned.
+
+    Args:
+        config: Scenario.
+        seed: Of the walk, which draws its floor.
 
     Raises:
         ConfigError: A value that cannot be built.
     """
     sensors = sensor_rig(config)
-    terrain = Terrain.from_route(config.route)
+    terrain = Terrain.from_route(config.route, seed)
     spec = mujoco.MjSpec()
     terrain.add_to(spec)
     add_rails(spec, config.gait, terrain.layout)

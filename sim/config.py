@@ -210,6 +210,8 @@ class Route:
         light_changes: Changes of the light during the walk.
         bystanders: Number of people who walk about, 0-4.
         things: Objects on the way, beside it or at its end.
+        unevenness_m: Of the floor: standard deviation of the difference in height of two places 3 m apart, beyond that
+            of the segments; 0 is an exact floor.
     """
 
     segments: tuple[Segment, ...]
@@ -220,6 +222,7 @@ class Route:
     light_changes: tuple[LightChange, ...] = ()
     bystanders: int = 0
     things: tuple[Thing, ...] = ()
+    unevenness_m: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)

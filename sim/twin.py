@@ -101,7 +101,7 @@ class Twin:
         if config.motion is not None:  # person and terrain follow from the recording
             config, recorded = apply_motion(config)
         self.config, self.seed = config, seed
-        composed = compose(config)
+        composed = compose(config, seed)
         self.terrain, self.size, self.sensor_rig = composed.terrain, composed.size, composed.sensor_rig
         self.rig: Rig = self.sensor_rig.nominal(seed)
         self.model: mujoco.MjModel = compile_model(composed.spec)

@@ -40,6 +40,7 @@ from stridetwin.sim.gait.pelvis import (
     solve_cart_table,
 )
 from stridetwin.sim.gait.posture import Posture, plan_posture
+from stridetwin.sim.gait.settled_soles import settle_soles
 from stridetwin.sim.gait.style import leg_length
 from stridetwin.sim.gait.swing_variability import set_down_softly, vary_swings
 from stridetwin.sim.kinematics.coordinates import Coordinates
@@ -196,6 +197,8 @@ def plan_reference(
         StrideTwinError: The legs cannot reach the footsteps.
     """
     footsteps, duration = plan_footsteps(terrain.layout, size, config.gait, rng, config.route.width_m / 2)
+    if config.route.unevenness_m:
+        footsteps = settle_soles(footsteps, size.shoe, terrain)
     # swings are drawn from a stream of their own, which leaves places and times of the steps as they are
     footsteps = vary_swings(footsteps, config.gait, rng.spawn(1)[0])
     if config.physics == "dynamic":

@@ -103,7 +103,7 @@ def play(twin: Twin) -> None:
     Raises:
         StrideTwinError: No window can be opened.
     """
-    model = compile_model(scene_spec(twin.config))
+    model = compile_model(scene_spec(twin.config, twin.seed))
     data = mujoco.MjData(model)
     walk, pressed = twin.walk, queue.SimpleQueue[int]()  # the viewer's thread puts the keys into the queue
     before = threading.enumerate()  # threads that are not the viewer's

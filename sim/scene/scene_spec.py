@@ -47,13 +47,17 @@ _DAMPING_RATIO = 1.0  # share of critical damping
 _SEED = 0  # of the bystanders' size and places
 
 
-def scene_spec(config: TwinConfig) -> mujoco.MjSpec:
+def scene_spec(config: TwinConfig, seed: int = 0) -> mujoco.MjSpec:
     """The composed model of a walk with everything that MuJoCo needs to show and step it alone.
+
+    Args:
+        config: Scenario.
+        seed: Of the walk, which draws its floor.
 
     Raises:
         ConfigError: A value that cannot be built.
     """
-    composition = compose(config)
+    composition = compose(config, seed)
     spec = composition.spec
     spec.modelname = config.name
     _add_sensor_sites(spec, composition.sensor_rig.rig)

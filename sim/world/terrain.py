@@ -21,6 +21,7 @@ from stridetwin.sim.world.obstacles import Landmark, floor, surroundings
 from stridetwin.sim.world.route import lay_out
 from stridetwin.sim.world.scenery import Quad, add_ground, add_quads, add_sky, paint_box, paint_slabs
 from stridetwin.sim.world.solids import Solid, SolidSet, corners
+from stridetwin.sim.world.uneven_floor import UnevenFloor
 from stridetwin.streams.samples import Array
 from stridetwin.streams.terrain_truth import Layout, Slab, Strip
 
@@ -46,14 +47,20 @@ class Terrain:
     route: Route
 
     @classmethod
-    def from_route(cls, route: Route) -> Terrain:
+    def from_route(cls, route: Route, seed: int = 0) -> Terrain:
         """Lays out a route from the world's origin along +x.
+
+        Args:
+            route: The route.
+            seed: Of the walk; draws the floor of a route with `unevenness_m`.
 
         Raises:
             ConfigError: A segment that cannot be built or walked; the message names field, value and range.
         """
         layout = lay_out(route)
         obstacles.check_things(route.things, layout, route.width_m)
+        if route.unevenness_m:
+            layout = UnevenFloor.draw(route.unevenness_m, seed).bend(layout)
         # lowest of the four corners of all slabs
         lowest = min(
             float(slab.point([0, 0, slab.length, slab.length], [-slab.right, slab.left] * 2)[:, 2].min())
