@@ -1,7 +1,7 @@
 """Floors that are not exactly level: a smooth height over the exact ground, and slabs that follow it.
 
 Heights of built floors are self-affine between the length of a foot and that of a hall: the standard deviation of the
-difference between two places grows with their distance r as r^`_GROWTH`. The exponent follows from two numbers of one
+difference between two places grows with their distance r as r^`GROWTH`. The exponent follows from two numbers of one
 floor. A conventional slab (F_F 20, F_L 15 in ACI 117) has, by ASTM E1155, curvatures of 1.9 mm over 0.3 m and
 differences of 7 mm over 3 m (standard deviations): F_F = 116 mm / 3 σ_q and F_L = 317.5 mm / 3 σ_z.
 """
@@ -20,7 +20,7 @@ from stridetwin.streams.samples import Array
 from stridetwin.streams.terrain_truth import Layout, Slab
 
 APART_M = 3.0  # distance of the two places whose difference in height the unevenness is
-_GROWTH = 0.65  # exponent of the distance; the ratio of curvature and difference above gives 0.65
+GROWTH = 0.65  # exponent of the distance; the ratio of curvature and difference above gives 0.65
 _WAVES = 96
 _SHORTEST_M, _LONGEST_M = 0.7, 60.0  # waves; shorter ones would not be seen by a foot, longer ones are a tilt
 _PIECE_M = 0.35  # longest piece of a slab that is one plane
@@ -56,7 +56,7 @@ class UnevenFloor:
         length_m = _SHORTEST_M * (_LONGEST_M / _SHORTEST_M) ** share
         k = 2.0 * np.pi / length_m
         toward = rng.uniform(0.0, 2.0 * np.pi, _WAVES)
-        amplitude = length_m**_GROWTH
+        amplitude = length_m**GROWTH
         # a wave of amplitude a in a random direction has the mean squared difference a² (1 − J0(k r)) at a distance r
         amplitude *= unevenness_m / math.sqrt(float((amplitude**2 * (1.0 - j0(k * APART_M))).sum()))
         wave = k[:, None] * np.stack([np.cos(toward), np.sin(toward)], axis=1)
