@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -38,6 +40,20 @@ def test_the_sensor_sits_beside_the_ankle_and_the_foot_rests_on_the_ground(foot:
     assert len(rests) > 20
     moved = [np.ptp(foot.track.p[slice(*rest)], axis=0).max() for rest in rests]
     assert np.median(moved) < 2e-3
+
+
+def _lateness_of_forces_s(foot: driven_feet.DrivenFoot, setting: str) -> float:
+    """How much later than the rates the forces of the driven sensor seem, s."""
+    driven = replace(foot, walk=replace(foot.walk, imu=driven_feet.simulate(foot, setting, 0)))
+    return float(np.diff(driven_feet.find_delays(driven))[0])
+
+
+def test_forces_of_the_real_sensor_are_later_than_its_rates(foot: driven_feet.DrivenFoot) -> None:
+    assert abs(_lateness_of_forces_s(foot, "part alone")) < 5e-4
+    # rates on a shoe that settles seem late; that is the same with and without a delay of the forces
+    usual, late = (_lateness_of_forces_s(foot, setting) for setting in ("part and shoe", "late part and shoe"))
+    assert late - usual == pytest.approx(driven_feet._FORCE_LATE_S, abs=3e-4)
+    assert np.diff(driven_feet.find_delays(foot))[0] > 3e-3
 
 
 def test_the_filter_follows_the_driven_foot_and_its_signals_are_like_the_real_ones(
