@@ -135,7 +135,8 @@ def paint_slabs(solids: Sequence[Solid], surface: SolidSet) -> list[Quad]:
         painted = [
             corners(earlier)[4:]
             for earlier in solids[:i]
-            if abs(earlier.start - solid.start) < _TINY_M and abs(earlier.end - solid.end) < _TINY_M
+            if (abs(earlier.start - solid.start) < _TINY_M and abs(earlier.end - solid.end) < _TINY_M)
+            or _is_in_plane(earlier, solid)
         ]
         # width of the pale strip at both ends; 0 without a drop
         low, high = (min(_NOSING_M, solid.length) * _has_drop(solid, end, surface) for end in (-1.0, 1.0))
@@ -149,6 +150,19 @@ def paint_slabs(solids: Sequence[Solid], surface: SolidSet) -> list[Quad]:
             if end > start:
                 quads += _top_quads(solid, start, end, material, painted)
     return quads
+
+
+def _is_in_plane(a: Solid, b: Solid) -> bool:
+    """Whether the tops of two solids are parts of one plane, such as a plank's and that of the body under it."""
+
+    def gradient(solid: Solid) -> tuple[float, float]:
+        """Rise of the top along the world's x and y, m/m."""
+        along, cos, sin = (solid.end - solid.start) / solid.length, math.cos(solid.yaw), math.sin(solid.yaw)
+        return along * cos - solid.cross * sin, along * sin + solid.cross * cos
+
+    (ax, ay), (bx, by) = gradient(a), gradient(b)
+    above = 0.5 * (b.start + b.end - a.start - a.end) - ax * (b.x - a.x) - ay * (b.y - a.y)
+    return abs(above) < _TINY_M and abs(ax - bx) < _TINY_M and abs(ay - by) < _TINY_M
 
 
 def paint_box(box: Solid, material: str) -> list[Quad]:

@@ -10,6 +10,8 @@ from stridetwin.scenarios.scenario_file import load_scenario, scenario_of
 from stridetwin.sim.config import Exo, Level, Ramp, Route, Stairs, TwinConfig
 from stridetwin.sim.twin import Twin
 from stridetwin.sim.world.route import lay_out
+from stridetwin.sim.world.scenery import paint_slabs
+from stridetwin.sim.world.solids import SolidSet
 from stridetwin.sim.world.terrain import Terrain
 from stridetwin.sim.world.uneven_floor import APART_M, UnevenFloor
 from stridetwin.streams.errors import ConfigError
@@ -78,6 +80,17 @@ def test_rays_meet_the_ground_that_has_this_height() -> None:
     xy = np.random.default_rng(1).uniform([-1.5, -0.8], [6.0, 0.8], (200, 2))
     down = terrain.ray_cast(np.column_stack([xy, np.full(200, 2.0)]), np.tile([0.0, 0.0, -1.0], (200, 1)))
     np.testing.assert_allclose(2.0 - down, terrain.height(xy), atol=1e-9)
+
+
+def test_a_tilted_tread_with_a_nosing_is_painted_once() -> None:
+    """Its plank and the body under it have one top, although their ends differ in height."""
+    terrain = Terrain.from_route(ROUTE, 5)
+    quads = paint_slabs(terrain.solids, SolidSet(terrain.solids, terrain.ground_m))
+    tops = [q.corners for q in quads if np.ptp(q.corners[:, 2]) < 0.02 and 0.12 < q.corners[:, 2].mean() < 0.18]
+    middle = [top for top in tops if 2.0 < top[:, 0].mean() < 2.3]
+    area = sum(float(np.prod(np.ptp(top[:, :2], axis=0))) for top in middle)
+    tread = next(slab for slab in terrain.layout.slabs if slab.recess)
+    assert area == pytest.approx(tread.length * (tread.left + tread.right), rel=1e-3)
 
 
 def test_an_exact_floor_is_what_it_was() -> None:
