@@ -286,6 +286,8 @@ def test_scenario_refuses_what_a_recording_cannot_have(tmp_path: Path) -> None:
         scenario_of(node | {"gait": {"speed_mps": 1.0}}, tmp_path / "walk.yaml")
     with pytest.raises(ConfigError, match="kinematic"):
         scenario_of(node | {"physics": "dynamic"}, tmp_path / "walk.yaml")
+    with pytest.raises(ConfigError, match=r"unevenness_mm.*pinned"):
+        scenario_of(node | {"unevenness_mm": 8}, tmp_path / "walk.yaml")
 
 
 def test_c3d_gives_back_the_markers_that_were_written(tmp_path: Path) -> None:

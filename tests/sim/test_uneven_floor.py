@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -126,7 +127,7 @@ def test_simulated_walker_stands_on_an_uneven_floor() -> None:
     assert twin.duration_s > 4.0
 
 
-def test_file_gives_millimetres_and_a_recorded_motion_none(tmp_path) -> None:
+def test_file_gives_millimetres_up_to_20(tmp_path: Path) -> None:
     node = {"description": "uneven", "terrain": [{"level": {"length_m": 5}}], "unevenness_mm": 8}
     config: TwinConfig = scenario_of(node, tmp_path / "uneven.yaml").config
     assert config.route.unevenness_m == pytest.approx(0.008)
