@@ -229,7 +229,7 @@ def find_delays(foot: DrivenFoot) -> tuple[float, float]:
     band = butter(3, _DELAY_HZ, "bandpass", fs=1.0 / float(np.median(np.diff(t))), output="sos")
     shifts = np.arange(-0.012, 0.0121, 0.0005)
     inside = (t > 1.5) & (t < t[-1] - 1.5)  # without the ends of the filters
-    found = []
+    delays: list[float] = []
     for name in ("angular_rate", "specific_force"):
         measured, driven = (sosfiltfilt(band, block.columns[name][:n], axis=0) for block in (real, ideal))
         spline = make_interp_spline(t, driven, k=3)
@@ -239,8 +239,8 @@ def find_delays(foot: DrivenFoot) -> tuple[float, float]:
             likeness.append(float((measured[inside] * shifted).sum() / np.sqrt((shifted**2).sum())))
         best = int(np.argmax(likeness[1:-1])) + 1
         before, peak, after = likeness[best - 1 : best + 2]  # the top of a parabola through three points
-        found.append(shifts[best] + 0.0005 * 0.5 * (before - after) / (before - 2.0 * peak + after))
-    return float(found[0]), float(found[1])
+        delays.append(shifts[best] + 0.0005 * 0.5 * (before - after) / (before - 2.0 * peak + after))
+    return float(delays[0]), float(delays[1])
 
 
 def drive(walk: MarkerWalk, shoe: Shoe) -> DrivenFoot:

@@ -79,11 +79,11 @@ def fit_unevenness(walks: Sequence[Array]) -> tuple[float, Array]:
     of_walk = np.repeat(np.eye(len(walks)), [len(w) for w in walks], axis=0)
     A = np.column_stack([of_walk, 0.5 * (rows[:, 0] / APART_M) ** (2.0 * GROWTH)])
     expected = np.ones(len(rows))
-    found = np.zeros(A.shape[1])
+    variances = np.zeros(A.shape[1])
     for _ in range(5):
-        found = nnls(A / expected[:, None], rows[:, 1] / expected)[0]
-        expected = A @ found + 1e-7
-    return float(np.sqrt(found[-1])), np.sqrt(found[:-1])
+        variances = nnls(A / expected[:, None], rows[:, 1] / expected)[0]
+        expected = A @ variances + 1e-7
+    return float(np.sqrt(variances[-1])), np.sqrt(variances[:-1])
 
 
 def untilt(places: Array, slope: Array) -> Array:
@@ -107,8 +107,8 @@ def slope_seen(walks: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
     for way, rise in walks:
         A = way - way.mean(0)
         y = rise - rise.mean()
-        own = y - A @ np.linalg.lstsq(A, y, rcond=None)[0]
-        variance = float(own @ own) / (len(y) - 3)
+        residual = y - A @ np.linalg.lstsq(A, y, rcond=None)[0]
+        variance = float(residual @ residual) / (len(y) - 3)
         H += A.T @ A / variance
         b += A.T @ y / variance
     return np.linalg.solve(H, b), np.sqrt(np.diag(np.linalg.inv(H)))

@@ -39,8 +39,8 @@ def test_unevenness_of_drawn_floors_is_found_beside_the_scatter_of_rests(unevenn
         xy = rng.uniform(-1.5, 1.5, (30, 2))
         height = UnevenFloor.draw(unevenness_m, seed).height(xy) + 0.002 * rng.standard_normal(30)
         walks.append(recorded_floors.pairs(np.column_stack([xy, height])))
-    found, scatter = recorded_floors.fit_unevenness(walks)
-    assert found == pytest.approx(unevenness_m, rel=0.2)
+    unevenness, scatter = recorded_floors.fit_unevenness(walks)
+    assert unevenness == pytest.approx(unevenness_m, rel=0.2)
     # floors differ in how rough they are, which counts as scatter
     assert np.median(scatter) == pytest.approx(0.002, abs=3e-4 + 0.1 * unevenness_m)
 
