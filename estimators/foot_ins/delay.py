@@ -154,6 +154,8 @@ def copy_state(source: state.FilterState, target: state.FilterState) -> None:
     copy(source.considered_sd, target.considered_sd)
     copy(source.levelled, target.levelled)
     copy(source.creep, target.creep)
+    copy(source.straight, target.straight)
+    copy(source.start_s, target.start_s)
     copy_matrix(source.prior, target.prior)
     copy(source.filled, target.filled)
 

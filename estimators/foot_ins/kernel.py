@@ -23,6 +23,7 @@ from stridetwin.estimators.foot_ins.stance import (
     vary_height_drift,
     zero_velocity_update,
 )
+from stridetwin.estimators.foot_ins.straight import learn_bias_on_straight_way
 from stridetwin.estimators.foot_ins.strapdown import predict
 from stridetwin.streams.algebra.matrices import copy
 from stridetwin.streams.algebra.tuples import Vec3, axpy, store_vec3_at, vec3_at
@@ -72,6 +73,7 @@ def add_sample(
     if clock[state.PHASE] == state.EMPTY:
         begin(memory, t_ns)
         clock[state.T_LAST] = t_ns
+        memory.start_s[0] = t_ns * 1e-9
         store_vec3_at(vec3_at(memory.nominal, state.POSITION), memory.path, 0)  # start of the path, m
         if memory.prior[0, 0] == 0.0:  # no earlier recording tells the class of the part
             undecided = parameters.wide_bias_share * parameters.gyro_wide_bias_sd_radps**2
@@ -139,6 +141,8 @@ def step(
     else:
         speed_sd = math.inf
     level_floor_update(memory, parameters, t_ns, speed_sd)
+    if memory.clock[state.T_STOOD] == t_ns and parameters.wander_m > 0.0:  # a stance has just begun
+        learn_bias_on_straight_way(memory, parameters, t_ns)
     learn_bias_at_rest(memory, parameters, rate, dt, _may_rest(memory, parameters))
     return state.NAVIGATING, speed_sd
 

@@ -139,6 +139,7 @@ if TYPE_CHECKING:
             creep_forward_sd: Standard deviation of the former from foot to foot, and of such a creep to the left;
                 considered, not estimated.
             creep_down_sd_m: Standard deviation of the latter, likewise, m.
+            wander_m: How far the middle of a straight way is off the line between its ends, m.
             stance_height_sd_m: Height above the floor from stance to stance, m, in the reported covariance alone.
             gyro_range_radps: Largest measurable rate, rad/s; 0 if unknown.
             accel_range_mps2: Largest measurable specific force, m/s²; 0 if unknown.
@@ -158,6 +159,7 @@ if TYPE_CHECKING:
         creep_level: float
         creep_forward_sd: float
         creep_down_sd_m: float
+        wander_m: float
         stance_height_sd_m: float
         gyro_scale_sd: float
         gyro_range_radps: float
@@ -181,6 +183,9 @@ _WIDE_BIAS_SHARE = 0.5  # of unknown sensors that are of that class; the others 
 _CREEP_FORWARD_SHARE, _CREEP_FORWARD_SD = 0.002, 0.004  # as shares of a stride; the latter to the left, too
 _CREEP_DOWN_M, _CREEP_DOWN_SD_M = 0.004, 0.004
 _CREEP_LEVEL = 500.0  # quietest moments of stances have 1000 to 6000, sensors at rest 4 to 100 [real walks and twin]
+# How far the middle of a straight way is off the line between its ends. [doubled and halved: `demo` of seeds 0-11,
+# `dual_foot_walk` and the walks over corners; docs/foot_ins.md]
+_WANDER_M = 0.12
 _STANCE_HEIGHT_SD_M = 0.012  # height of an unknown sensor above the floor, from stance to stance [real walks]
 _UNKNOWN_SCALE_SD = 0.007  # of a gyro that nobody calibrated [data sheets of consumer parts: 1 to 3 % at most]
 _UNKNOWN_DELAY_SD_S = 0.005  # between its channels and the accelerometer's [six parts: 0, 0, 2.5, 2.5, 3.8 and 12.5 ms]
@@ -269,6 +274,7 @@ def for_sensor(
         "creep_level": _CREEP_LEVEL,
         "creep_forward_sd": _CREEP_FORWARD_SD,
         "creep_down_sd_m": _CREEP_DOWN_SD_M,
+        "wander_m": _WANDER_M,
         "stance_height_sd_m": 0.0 if is_calibrated else _STANCE_HEIGHT_SD_M,
         "gyro_range_radps": imu.gyroscope_range,
         "accel_range_mps2": imu.accelerometer_range,
