@@ -13,6 +13,7 @@ from stridetwin.estimators.foot_ins.stance import inject
 from stridetwin.streams.algebra.matrices import clear as zero
 from stridetwin.streams.algebra.tuples import dot, quaternion_at, to_matrix, vec3_at
 from stridetwin.streams.compiled import INNER_KERNEL
+from stridetwin.streams.samples import Array
 
 _LEAST_WAY_M = 20.0  # of a straight way before it counts
 _LEAST_STRIDES = 8.0
@@ -24,15 +25,16 @@ _OFF_M = 0.15  # of a stance from the arc so far: a step aside
 _SCATTER_M = 0.05  # of stances about the arc, standard deviation, above which the way is not straight
 _LONGEST_WAY_M = 60.0  # of a way, after which the next one begins: roads bend, and biases wander
 # Before its bend is looked at, a way is one on which nobody wants to turn, or a gentle curve.
-_CURVE_SHARE = 0.2  # probability of the latter
-_CURVE_SD_PER_M = 0.01  # standard deviation of its curvature, 1/m
+_CURVE_SHARE = 0.3  # probability of the latter
+_CURVE_SD_PER_M = 0.004  # standard deviation of its curvature, 1/m
 
 # Entries of `FilterState.straight`: number of strides; time of the first and last stance, s; position of the last one,
 # m; bias at the beginning, rad/s; direction of the first stride, rad, and of the last one; end of the polyline of the
 # strides, m (two entries); way, m; sums of the powers 0 to 4 of the way; sums of the offset to the left times the powers
-# 0 to 2, and of its square; way at which it counted last, m; information then, and the bias that it told, rad/s
+# 0 to 2, and of its square; way at which it counted last, m; information then, and the bias that it told, rad/s;
+# variance of the bias at the beginning, (rad/s)²
 STRIDES, T_FIRST, T_LAST, PLACE, BIAS, COURSE, LAST_COURSE, END, WAY = 0, 1, 2, 3, 5, 6, 7, 8, 10
-POWERS, OFFSETS, SQUARES, COUNTED_WAY, USED, USED_BIAS = 11, 16, 19, 20, 21, 22
+POWERS, OFFSETS, SQUARES, COUNTED_WAY, USED, USED_BIAS, VARIANCE = 11, 16, 19, 20, 21, 22, 23
 
 
 @njit(**INNER_KERNEL)
@@ -91,6 +93,17 @@ def learn_bias_on_straight_way(memory: state.FilterState, parameters: KernelPara
 
 
 @njit(**INNER_KERNEL)
+def _measure_bias(memory: state.FilterState) -> Array:
+    """Writes the Jacobian of the bias about the vertical into the workspace's first row, and returns that row."""
+    up = to_matrix(quaternion_at(memory.nominal, state.ATTITUDE))[2]  # in the sensor
+    clear(memory.work, 1)
+    h = memory.work.jacobian[0]
+    for i in range(3):
+        h[state.D_GYRO_BIAS + i] = up[i]
+    return h
+
+
+@njit(**INNER_KERNEL)
 def _wrap(angle: float) -> float:
     """The angle within half a turn, rad."""
     return math.atan2(math.sin(angle), math.cos(angle))
@@ -103,6 +116,9 @@ def _begin(memory: state.FilterState, seconds: float, bias: float) -> None:
     zero(way)
     way[T_FIRST] = way[T_LAST] = seconds
     way[BIAS] = bias
+    _measure_bias(memory)
+    spread_measurements(memory.covariance, memory.work, memory.row, 1)
+    way[VARIANCE] = memory.work.spread[0, 0]
     way[PLACE], way[PLACE + 1] = memory.nominal[state.POSITION], memory.nominal[state.POSITION + 1]
     way[POWERS] = 1.0  # its first stance, at 0
 
@@ -134,7 +150,7 @@ def _fit_arc(memory: state.FilterState) -> tuple[float, float, float, float]:
 def _use_way(memory: state.FilterState, parameters: KernelParameters, seconds: float, bias: float) -> None:
     """Updates the bias by what the way tells beyond what was used of it; a curve begins a new way.
 
-    Mean and covariance are those of the mixture of both hypotheses, as for a level floor.
+    Whether it is one follows from the bias before the way. Mean and covariance are those of the mixture, as for a floor.
     """
     way, P, o, work = memory.straight, memory.covariance, memory.row, memory.work
     _, _, bend, _ = _fit_arc(memory)
@@ -142,15 +158,10 @@ def _use_way(memory: state.FilterState, parameters: KernelParameters, seconds: f
     speed = s / (seconds - way[T_FIRST])
     told = way[BIAS] + 2.0 * bend * speed
     variance = (8.0 * parameters.wander_m * speed / s**2) ** 2
-    up = to_matrix(quaternion_at(memory.nominal, state.ATTITUDE))[2]  # in the sensor
-    clear(work, 1)
-    h = work.jacobian[0]
-    for i in range(3):
-        h[state.D_GYRO_BIAS + i] = up[i]
-    spread_measurements(P, work, o, 1)
-    straight2 = work.spread[0, 0] + variance
+    straight2 = way[VARIANCE] + variance  # of what a straight way tells
     curved2 = straight2 + (_CURVE_SD_PER_M * speed) ** 2
-    odds = math.sqrt(straight2 / curved2) * math.exp(0.5 * (told - bias) ** 2 * (1.0 / straight2 - 1.0 / curved2))
+    error = told - way[BIAS]
+    odds = math.sqrt(straight2 / curved2) * math.exp(0.5 * error**2 * (1.0 / straight2 - 1.0 / curved2))
     probability = (1.0 - _CURVE_SHARE) / (1.0 - _CURVE_SHARE + _CURVE_SHARE * odds)
     if probability < 0.5:
         _begin(memory, seconds, bias)
@@ -158,6 +169,7 @@ def _use_way(memory: state.FilterState, parameters: KernelParameters, seconds: f
     gained = 1.0 / variance - way[USED]  # information of the longer way beyond what was used
     if gained > 0.0:
         fresh = (told / variance - way[USED] * way[USED_BIAS]) / gained
+        h = _measure_bias(memory)
         correct_probably(P, memory.error, work.gain, o, h, fresh - bias, 1.0 / gained, probability)
         inject(memory)
         # the polyline goes on from where the correction has moved the foot
