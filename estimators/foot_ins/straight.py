@@ -30,8 +30,8 @@ _CURVE_SD_PER_M = 0.004  # standard deviation of its curvature, 1/m
 
 # Entries of `FilterState.straight`: number of strides; time of the first and last stance, s; position of the last one,
 # m; bias at the beginning, rad/s; direction of the first stride, rad, and of the last one; end of the polyline of the
-# strides, m (two entries); way, m; sums of the powers 0 to 4 of the way; sums of the offset to the left times the powers
-# 0 to 2, and of its square; way at which it counted last, m; information then, and the bias that it told, rad/s;
+# strides, m (two entries); way, m; sums of the powers 0 to 4 of the way; sums of the offset to the left times the
+# powers 0 to 2, and of its square; way at which it counted last, m; information then, and the bias that it told, rad/s;
 # variance of the bias at the beginning, (rad/s)²
 STRIDES, T_FIRST, T_LAST, PLACE, BIAS, COURSE, LAST_COURSE, END, WAY = 0, 1, 2, 3, 5, 6, 7, 8, 10
 POWERS, OFFSETS, SQUARES, COUNTED_WAY, USED, USED_BIAS, VARIANCE = 11, 16, 19, 20, 21, 22, 23
@@ -125,7 +125,7 @@ def _begin(memory: state.FilterState, seconds: float, bias: float) -> None:
 
 @njit(**INNER_KERNEL)
 def _fit_arc(memory: state.FilterState) -> tuple[float, float, float, float]:
-    """Offset a + b s + c s² of the stances to the left by least squares: a (m), b, c (1/m), and mean square about it."""
+    """Offset a + b s + c s² of the stances to the left by least squares: a (m), b, c (1/m), mean square left."""
     way = memory.straight
     s0, s1, s2, s3, s4 = way[POWERS], way[POWERS + 1], way[POWERS + 2], way[POWERS + 3], way[POWERS + 4]
     d0, d1, d2 = way[OFFSETS], way[OFFSETS + 1], way[OFFSETS + 2]
@@ -150,7 +150,7 @@ def _fit_arc(memory: state.FilterState) -> tuple[float, float, float, float]:
 def _use_way(memory: state.FilterState, parameters: KernelParameters, seconds: float, bias: float) -> None:
     """Updates the bias by what the way tells beyond what was used of it; a curve begins a new way.
 
-    Whether it is one follows from the bias before the way. Mean and covariance are those of the mixture, as for a floor.
+    Which it is follows from the bias before the way. Mean and covariance are those of the mixture, as for a floor.
     """
     way, P, o, work = memory.straight, memory.covariance, memory.row, memory.work
     _, _, bend, _ = _fit_arc(memory)
