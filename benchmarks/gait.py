@@ -22,6 +22,8 @@ from stridetwin.streams.samples import Array
 
 SCENARIOS = ("level_20m", "stair_up_down", "ramp_up_down", "turns", "cross_slope")
 HUMAN_DEG = {"hip_flexion": (-30, 120), "knee_flexion": (0, 140), "ankle_dorsiflexion": (-45, 38)}
+FLAT_TOES_RAD = 1e-3
+"""Pitch of the toes, relative to the footprint, up to which they count as flat."""
 ALLOWED = {"penetration_mm": 5.0, "skid_mm": 10.0, "slip_mm": 2.0}
 
 
@@ -46,19 +48,24 @@ def penetration(twin: Twin, side: str) -> float:
 
 
 def slip(twin: Twin, side: str) -> float:
-    """Largest movement along one axis of the loaded pivot (heel edge or toe hinge) in one stance, m.
+    """Largest movement along one axis of a loaded pivot in one stance, m.
 
-    It counts from the instant at which the ground has stopped the heel (`skid` is the way until then).
+    Pivots are the heel's edge until the sole is flat, then the tip of the toes, and the toe hinge until the toes roll
+    over their tip. It counts from the instant at which the ground has stopped the heel (`skid` is the way until then).
     """
     shoe, worst = twin.size.shoe, 0.0
     for step in twin.walk.steps[side]:
         t = np.arange(max(step.t_touch + STOPPING_S, 0.0) + 1e-3, min(step.t_off, twin.duration_s) - 1e-3, 0.004)
-        track = motion_at(twin, t).tracks[f"foot_{side}"]
-        R = from_quaternion(track.q_world_body)
+        motion = motion_at(twin, t)
+        track, toe = motion.tracks[f"foot_{side}"], motion.tracks[f"toe_{side}"]
+        R, R_toe = from_quaternion(track.q_world_body), from_quaternion(toe.q_world_body)
         pitch = twin.walk.pitch(side, t)
+        flat_toes = (R_toe @ [1.0, 0.0, 0.0] * step.R_world_sole[:, 2]).sum(1) > -FLAT_TOES_RAD
         heel = track.p_body_in_world + R @ np.array([shoe.heel_back_x, 0.0, 0.0])
         hinge = track.p_body_in_world + R @ np.array([shoe.toe_hinge_x, 0.0, shoe.toe_hinge_z])
-        for point, on in ((heel, pitch < 1e-4), (hinge, pitch > -1e-4)):
+        tip = toe.p_body_in_world + R_toe @ [shoe.toe_tip_x - shoe.toe_hinge_x, 0.0, -shoe.toe_hinge_z]
+        late = pitch > -1e-4
+        for point, on in ((heel, pitch < 1e-4), (hinge, late & flat_toes), (tip, late)):
             if on.sum() > 1:
                 worst = max(worst, float(np.ptp(point[on], axis=0).max()))
     return worst

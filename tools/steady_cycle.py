@@ -14,9 +14,8 @@ from stridetwin.sim.config import SIDES, Gaze, Person
 from stridetwin.sim.gait.body_sway import SwayParameters, plan_sway
 from stridetwin.sim.gait.foot_path import FootPath, foot_path
 from stridetwin.sim.gait.footsteps import HALF_STEP_WIDTH_M, TOE_OUT_RAD, Footstep, Rhythm
-from stridetwin.sim.gait.leg_ik import solve_leg
 from stridetwin.sim.gait.load import cop_travel, load_shares, pressure_centres
-from stridetwin.sim.gait.pelvis import level_height
+from stridetwin.sim.gait.pelvis import fit_pelvis_height, level_height, max_pelvis_height
 from stridetwin.sim.gait.posture import Posture, plan_posture
 from stridetwin.sim.gait.reference import solve_legs, stack_coordinates, zero_moment_point
 from stridetwin.sim.gait.style import Style, leg_length
@@ -32,7 +31,9 @@ SAMPLES = 100  # per stride
 _COM_ABOVE_PELVIS_M = 0.03
 _FIRST = 2  # first step of the evaluated stride
 _GROUND = (Strip(s0=-100.0, s1=100.0, z0=0.0, z1=0.0, terrain="level"),)
-_BENT_RAD = np.radians(5.5)
+# Least flexion of the knee, which determines how high the pelvis may be. It is that of the planner and more, because
+# the steps of a walk differ and its pelvis is lower for some time around every leg that would be too straight
+_BENT_RAD = np.radians(7.5)
 # a walker without any difference from the mean one, whose steps are all alike
 _MEAN_WALKER = SwayParameters(person_log_sd=0.0, rise_log_sd=0.0, person_phase_deg=0.0, unevenness=0.0, step_sd=0.0)
 
@@ -65,7 +66,7 @@ class Cycle:
         heel_acceleration: Its magnitude, m/s².
         pitch_rate: Of the foot, rad/s.
         stretch: How far the foot is out of the leg's reach, m.
-        excess: How much longer the leg is than with `_BENT_RAD` in the knee, m.
+        lowered: How much lower the pelvis is than the style says, because the legs would be too straight, m.
         over_ground: (N, 2) pelvis path relative to steady motion, m, to start the next solution from.
         zmp_error: Largest distance of the zero-moment point from the desired one, m.
         stride_s: Duration of the stride.
@@ -83,7 +84,7 @@ class Cycle:
     heel_acceleration: Array
     pitch_rate: Array
     stretch: Array
-    excess: Array
+    lowered: Array
     over_ground: Array
     zmp_error: float
     stride_s: float
@@ -106,7 +107,6 @@ def steady_cycle(
     sway = plan_sway(rhythm, walker.leg_m, rng, _MEAN_WALKER)
     mean, wave, _ = level_height(rhythm, wide, walker.leg_m, sway.rise)
     pose = _cut_posture(plan_posture(rhythm, wide_paths, walker.leg_m, wide, _GROUND, Gaze(), sway, wave, rng), mid)
-    height = (mean + wave)[mid]
     paths = {side: _cut_path(wide_paths[side], mid) for side in SIDES}
     shares = {side: wide_shares[side][mid] for side in SIDES}
     with np.errstate(invalid="ignore"):  # of steps beyond the ends, which have no rows
@@ -121,7 +121,10 @@ def steady_cycle(
     path = _periodic_cart_table((wanted - drift)[:-1], kappa[:-1], dt) if start is None else start
     R_pelvis = from_euler(pose.pelvis)
     for round_ in range(rounds + 1):
-        p_pelvis = np.column_stack([np.vstack([path, path[:1]]) + drift, height])
+        p_pelvis = np.column_stack([np.vstack([path, path[:1]]) + drift, np.zeros(len(t))])
+        limit = max_pelvis_height(size, p_pelvis, R_pelvis, paths, np.full(len(t), _BENT_RAD)) - wave[mid]
+        smooth = _fit_periodic_height(mean[mid], limit, dt)
+        height = p_pelvis[:, 2] = wave[mid] + smooth
         legs_ = solve_legs(size, p_pelvis, R_pelvis, paths)
         x = stack_coordinates(size, layout, p_pelvis, pose, legs_, {}, paths)
         x[:, :2] -= drift
@@ -157,9 +160,7 @@ def steady_cycle(
         heel_acceleration=_motion_of_heel(size, wide_paths["l"], wide)[1][mid][:-1],
         pitch_rate=np.gradient(wide_paths["l"].pitch, wide)[mid][:-1],
         stretch=legs_["l"].stretch[:-1],
-        excess=solve_leg(
-            size, "l", p_pelvis, R_pelvis, paths["l"].p_foot_in_world, paths["l"].R_world_foot, _BENT_RAD
-        ).stretch[:-1],
+        lowered=(mean[mid] - smooth)[:-1],
         over_ground=path,
         zmp_error=float(np.abs(error).max()),
         stride_s=2.0 * step_s,
@@ -216,6 +217,13 @@ def _periodic_derivatives(x: Array, dt: float) -> tuple[Array, Array, Array]:
     columns = (np.fft.irfft(turn**k * spectrum, len(x), axis=0) for k in range(3))
     x0, x1, x2 = (np.vstack([c, c[:1]]) for c in columns)
     return x0, x1, x2
+
+
+def _fit_periodic_height(goal: Array, limit: Array, dt: float) -> Array:
+    """`fit_pelvis_height` of a stride that repeats; the last row is the first one again."""
+    n = len(goal) - 1
+    goal3, limit3 = (np.append(np.tile(x[:-1], 3), x[0]) for x in (goal, limit))
+    return fit_pelvis_height(goal3, limit3, dt)[n : 2 * n + 1]
 
 
 def _periodic_cart_table(wanted: Array, kappa: Array, dt: float) -> Array:

@@ -19,7 +19,7 @@ from scipy.interpolate import BSpline, make_interp_spline
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import nnls
 
-from stridetwin.sim.gait.foot_pitch import LEAST_EDGE_M, plan_pitch, step_time
+from stridetwin.sim.gait.foot_pitch import FLAT_BY, LEAST_EDGE_M, plan_pitch, step_time
 from stridetwin.sim.gait.footsteps import RUN_LANDING_S, Footstep
 from stridetwin.sim.gait.style import Style, leg_length
 from stridetwin.sim.gait.twist import turn_on_ball
@@ -91,6 +91,10 @@ STOPPING_S = 0.022
 _MAX_DORSIFLEXION_RAD = np.radians(22.0)  # on the level
 _DORSIFLEXION_BY_SLOPE = 1.3  # additional rad per rad of slope uphill
 _DORSIFLEXION_ON_STAIRS_RAD = np.radians(14.0)  # additional, on stairs
+# Toes bend by 25-30° in push-off, then the shoe rolls over its tip and the hinge, at the ball of the foot, leaves the
+# ground before the tip does.
+_TOES_BEND_RAD = 0.25  # up to which the toes stay flat while the foot pitches
+_TOES_YIELD_RAD = 0.45  # more pitch, in which they cease to bend, after half of it
 _DORSIFLEXION_IN_RUN_RAD = np.radians(10.0)  # additional, of a runner, who bends the knee under the load
 _RISE_BEFORE = 0.55  # share of a step before toe-off, when the load moves to the ball
 _RISE_GAIN = 1.25  # rad of pitch per rad of excess: a rising heel bends the knee and tilts the shank farther
@@ -228,8 +232,9 @@ def _turn_on_ball(step: Footstep, shoe: Shoe, angle: float) -> Footstep:
 def _stance_poses(step: Footstep, shoe: Shoe, theta: Array, t: Array) -> tuple[Array, Array, Array]:
     """Poses of a foot on the ground, from its pitches θ.
 
-    The foot rotates about the heel's edge while θ < 0. While θ ≥ 0 it rotates about the toe hinge, with flat toes. Its
-    position is p = p_sole + R_sole (c − R_y(θ) c) with the pivot c.
+    The foot rotates about the heel's edge while θ < 0. While θ ≥ 0 it rotates about the toe hinge, with flat toes,
+    until they bend no farther; then the toes roll over their tip, too, by φ (`toe_roll`). Its position is p = p_sole +
+    R_sole (c − R_y(θ) c + d − R_y(φ) d) with the pivot c and the way d from the hinge to the tip.
 
     Args:
         step: Its footprint.
@@ -244,12 +249,36 @@ def _stance_poses(step: Footstep, shoe: Shoe, theta: Array, t: Array) -> tuple[A
     heel_edge, toe_hinge = _pivots(shoe)
     pivot = np.where(theta[:, None] < 0.0, heel_edge, toe_hinge)  # (N, 3) m, c in the foot's frame
     shift = pivot - np.einsum("nij,nj->ni", tilt, pivot)  # (N, 3) m, c − R_y(θ) c, in the axes of the footprint
+    roll = np.zeros(len(t))
+    if step.rolls_off:
+        late = t > step.t_touch + FLAT_BY * (step.t_off - step.t_touch) if np.isfinite(step.t_touch) else True
+        roll = np.where(late, toe_roll(step, theta), 0.0)
+        tip = _tip_from_hinge(shoe)
+        shift = shift + tip - rot_y(roll) @ tip
     if step.twist is not None:
         spin = rot_z(step.twist.angle(t, step.t_touch, step.t_off))
         turned = base @ spin  # (N, 3, 3), about the toe hinge
         p_turned = step.p_foot_in_world + base @ toe_hinge - turned @ toe_hinge
         return p_turned + np.einsum("nij,nj->ni", turned, shift), turned @ tilt, np.maximum(theta, 0.0)
-    return step.p_foot_in_world + shift @ base.T, base @ tilt, np.maximum(theta, 0.0)
+    return step.p_foot_in_world + shift @ base.T, base @ tilt, np.maximum(theta, 0.0) - roll
+
+
+def toe_roll(step: Footstep, theta: Array) -> Array:
+    """(N,) rad, by which the toes have rolled over their tip before toe-off, at (N,) pitches of the foot.
+
+    The angle between foot and toes follows the pitch up to `_TOES_BEND_RAD` and then softly reaches its limit, half of
+    `_TOES_YIELD_RAD` later; the toes lift by the rest: the integral of a minimum-jerk step (`ease`).
+    """
+    if not step.rolls_off:
+        return np.zeros_like(theta)
+    x = (theta - _TOES_BEND_RAD) / _TOES_YIELD_RAD
+    inner = np.clip(x, 0.0, 1.0)
+    return _TOES_YIELD_RAD * (inner**4 * (2.5 + inner * (inner - 3.0)) + np.maximum(x - 1.0, 0.0))
+
+
+def _tip_from_hinge(shoe: Shoe) -> Array:
+    """(3,) m, from the toe hinge to the tip of the sole, in the frame of the toes."""
+    return np.array([shoe.toe_tip_x - shoe.toe_hinge_x, 0.0, -shoe.toe_hinge_z])
 
 
 def _pivots(shoe: Shoe) -> tuple[Array, Array]:
@@ -293,7 +322,8 @@ def _swing_poses(
     R, toe = _swing_attitude(a, b, s, theta), quintic(s, *toes)
     # attitude of the foot and points of its sole at the shares `_FINE` of swing
     fine_R = _swing_attitude(a, b, _FINE, pitch(a.t_off + at * (b.t_touch - a.t_off)))
-    sole = _sole_points(size.shoe, fine_R, quintic(_FINE, *toes))
+    fine_toe = quintic(_FINE, *toes)
+    sole = _sole_points(size.shoe, fine_R, fine_toe)
     # (2,) m, margin before and behind a riser, along the way
     near = (_NEAR_EDGE_DOWN_M if a.departure == "lower" else _NEAR_EDGE_M) * np.array(
         [np.cos(b.heading), np.sin(b.heading)]
@@ -302,7 +332,7 @@ def _swing_poses(
     def shortfall(forward: tuple[float, float]) -> Array:
         """(61,) m, missing height at the shares `_FINE` of swing, if the foot moves forward in this window."""
         return _clearance_shortfall(
-            _swing_positions(a, b, size, _FINE, fine_R, forward), sole, height, near, b.clearance_m
+            _swing_positions(a, b, size, _FINE, fine_R, fine_toe, forward), sole, height, near, b.clearance_m
         )
 
     # `forward` is the window of forward motion, `lift` (N,) m the height above the smooth path
@@ -319,7 +349,7 @@ def _swing_poses(
             jerk += _mean_square_jerk(distance_m, window)
             if jerk < best:
                 best, forward, lift = jerk, window, height_spline(s) - rise * soft_ease(s)
-    p = _swing_positions(a, b, size, s, R, forward)
+    p = _swing_positions(a, b, size, s, R, toe, forward)
     p[:, 2] += lift
     # a foot over an edge only hovers: on its way back it would meet the riser
     if b.hesitation is not None and abs(b.rise) < LEAST_EDGE_M and abs(a.fall) < LEAST_EDGE_M:
@@ -331,8 +361,8 @@ def _swing_poses(
 def _toe_ends(a: Footstep, b: Footstep, pitch: Callable[[Array], Array]) -> tuple[float, float, float, float]:
     """Toe extension at both ends of swing: its value, rad, and rate by the share of swing at toe-off, then at landing.
 
-    The toes are flat on the ground at toe-off, so that they are extended by the foot's pitch. At a landing on the heel
-    they are straight, otherwise extended by the pitch of the landing.
+    At toe-off the toes are extended by what the foot is pitched relative to them. At a landing on the heel they are
+    straight, otherwise extended by the pitch of the landing.
 
     Args:
         a: Footstep that the foot leaves.
@@ -342,7 +372,9 @@ def _toe_ends(a: Footstep, b: Footstep, pitch: Callable[[Array], Array]) -> tupl
     h = 1e-4  # s, for central differences
     ends = np.array([a.t_off, b.t_touch])
     # pitch at both ends, shortly after them and shortly before them; columns: toe-off, touch-down
-    (toe_a, toe_b), after, before = pitch(np.concatenate([ends, ends + h, ends - h])).reshape(3, 2)
+    bend = pitch(np.concatenate([ends, ends + h, ends - h])).reshape(3, 2)
+    bend[:, 0] -= toe_roll(a, bend[:, 0])
+    (toe_a, toe_b), after, before = bend
     rate_a, rate_b = (after - before) / (2 * h) * _usual_swing_s(a, b)  # per second, then per share of swing
     if a.departure == "back":  # the heel is the last on the ground, with straight toes
         toe_a = rate_a = 0.0
@@ -354,12 +386,15 @@ def _swing_attitude(a: Footstep, b: Footstep, s: Array, theta: Array) -> Array:
     return slerp(a.R_world_sole, b.R_world_sole, soft_ease(s)) @ rot_y(theta)
 
 
-def _swing_positions(a: Footstep, b: Footstep, size: Wearer, s: Array, R: Array, forward: tuple[float, float]) -> Array:
+def _swing_positions(
+    a: Footstep, b: Footstep, size: Wearer, s: Array, R: Array, toe: Array, forward: tuple[float, float]
+) -> Array:
     """(N, 3) m, positions of a swinging foot at (N,) shares `s` of swing, not yet lifted over the ground.
 
-    A point moves through the foot from the toe hinge to the pivot of the landing. In the world it goes smoothly from
-    its place at toe-off to its place at touch-down: horizontally within the window `forward` of swing, vertically over
-    all of it. In a turn its path is an arc. Between level steps the style of the step adds its offset (`_swing_shape`).
+    A point moves through the foot from the pivot of the toe-off to that of the landing. In the world it goes smoothly
+    from its place at toe-off to its place at touch-down: horizontally within the window `forward` of swing, vertically
+    over all of it. In a turn its path is an arc. Between level steps the style of the step adds its offset
+    (`_swing_shape`).
 
     Args:
         a: Footstep that the foot leaves.
@@ -367,6 +402,7 @@ def _swing_positions(a: Footstep, b: Footstep, size: Wearer, s: Array, R: Array,
         size: Wearer.
         s: (N,) shares of swing, 0-1.
         R: (N, 3, 3) attitude of the foot.
+        toe: (N,) rad, extension of the toes.
         forward: Shares of swing at which the horizontal motion begins and ends.
     """
     forward_share, upward_share = soft_ease((s - forward[0]) / (forward[1] - forward[0])), soft_ease(s)
@@ -374,8 +410,13 @@ def _swing_positions(a: Footstep, b: Footstep, size: Wearer, s: Array, R: Array,
         forward_share = _run_forward(s, b.t_touch - a.t_off, b.swing.landing * _RUN_SPEED, RUN_LANDING_S)
     heel, hinge = _pivots(size.shoe)
     landing = heel if b.arrival == "heel" else hinge  # pivot of the landing
-    leaving = heel if a.departure == "back" else hinge  # likewise, before the swing
-    pivot_in_foot = leaving + soft_ease((s - _PIVOT_FROM) / _PIVOT_LASTS)[:, None] * (landing - leaving)
+    # likewise, before the swing: in the footprint, and in the foot, where the tip moves with the toes
+    leaving = heel if a.departure == "back" else hinge
+    leaving_in_foot = leaving
+    if a.rolls_off:
+        tip = _tip_from_hinge(size.shoe)
+        leaving, leaving_in_foot = hinge + tip, hinge + rot_y(-toe) @ tip
+    pivot_in_foot = leaving_in_foot + soft_ease((s - _PIVOT_FROM) / _PIVOT_LASTS)[:, None] * (landing - leaving_in_foot)
     start: Array = a.p_foot_in_world + a.R_world_sole @ leaving
     end = b.p_foot_in_world + b.R_world_sole @ landing
     point = start + np.stack([forward_share, forward_share, upward_share], -1) * (end - start)

@@ -41,7 +41,7 @@ _MIN_HEEL_FIRST_RAD = 0.03  # least toe-up pitch of a landing on the heel
 _HIGH_RISE_M = 0.255  # of one step; on a higher one the foot stays on its ball until the body is over it
 _HIGH_TIPTOE_RAD = 0.42  # additional pitch at that landing
 _HIGH_LOWERING = (0.6, 0.95)  # share of that time, share of the pitch at touch-down
-_FLAT_BY = 0.6  # share of stance by which the foot is flat at the latest
+FLAT_BY = 0.6  # share of stance by which the foot is flat at the latest
 _PITCH_SMOOTHING_S = 0.020  # SD of the Gaussian filter
 _SETTLING_S = 0.04  # from the end of the landing to a sole that lies exactly flat
 
@@ -176,7 +176,7 @@ def plan_pitch(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Arr
         knots += [(a.t_off + u * swing, angle + tiptoe) for u, angle in swing_knots]
         knots += [(a.t_off + u * swing, angle + slope_pitch + tiptoe) for u, angle in landing_knots]
         # the sole comes down from the pitch of the landing until it lies flat
-        flat = b.t_touch + min((landing.flat_after + tiptoe) * duration, _FLAT_BY * (b.t_off - b.t_touch))
+        flat = b.t_touch + min((landing.flat_after + tiptoe) * duration, FLAT_BY * (b.t_off - b.t_touch))
         touch, lowering_time = landing.touch + slope_pitch + tiptoe, flat - b.t_touch
         lowering = (_HIGH_LOWERING,) if high or backs_up else landing.lowering
         knots.append((b.t_touch, touch))

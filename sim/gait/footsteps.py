@@ -291,6 +291,7 @@ class Footstep(Stance):
         hesitation: How the swing to here hesitates; None if it does not.
         twist: How the foot turns on its ball; None if it does not.
         look_back: Look over the shoulder that begins at this touch-down; None for none.
+        flat_toes: Whether the toes stay flat on the ground until toe-off.
     """
 
     s: float
@@ -307,6 +308,12 @@ class Footstep(Stance):
     hesitation: Hesitation | None = None
     twist: Twist | None = None
     look_back: LookBack | None = None
+    flat_toes: bool = False
+
+    @property
+    def rolls_off(self) -> bool:
+        """Whether the shoe rolls over its tip before toe-off."""
+        return self.departure == "push" and self.twist is None and not (self.flat_toes or self.is_run)
 
     @property
     def is_run(self) -> bool:

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
 
-from stridetwin.sim.gait.foot_path import landing_lag
+from stridetwin.sim.gait.foot_path import landing_lag, toe_roll
+from stridetwin.sim.gait.foot_pitch import FLAT_BY
 from stridetwin.sim.gait.footsteps import SETTLE_S, WEIGHT_SHIFT_S, Footstep
 from stridetwin.sim.gait.style import TRAVEL_KNOTS
 from stridetwin.sim.kinematics.smooth import ease
@@ -44,6 +45,7 @@ _STANDING_X = 0.50  # share of the toe hinge's x, in quiet stance
 _BALL_MARGIN = 0.03  # likewise, from the border of the area in contact
 _HEEL_MARGIN_M = 0.003  # from the heel's edge
 _PASSING_S = 0.07  # transition when the foot becomes flat or ceases to be flat
+_ROLLING_RAD = 0.05  # by which the toes have rolled when only their tip presses
 _MIN_TIP_ON_TREAD_M = 0.005  # least part of a tread that the tip needs to stand on
 _SHIFT_S = 0.45  # within which the load moves from both feet to one at the end of a pause, and before it to both
 _STANDING_FADE_S = 0.05  # SD of the filter of the time that a walker stands still
@@ -232,6 +234,9 @@ def _limit_to_contact(x: Array, t: Array, step: Footstep, pitch: Array, shoe: Sh
         if step.departure == "back":
             last = np.full_like(x, (shoe.heel_back_x + _HEEL_MARGIN_M) / shoe.toe_hinge_x)
         x = x + (last - x) * ease((t - flat_until) / _PASSING_S + 1.0)
+        late = t > step.t_touch + FLAT_BY * (step.t_off - step.t_touch) if np.isfinite(step.t_touch) else True
+        rolled = np.where(late, toe_roll(step, pitch), 0.0)
+        x = x + (np.maximum(x, shoe.flat_tip_x / shoe.toe_hinge_x) - x) * ease(rolled / _ROLLING_RAD)
     return x
 
 

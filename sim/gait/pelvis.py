@@ -149,7 +149,7 @@ def fit_pelvis_height(goal: Array, limit: Array, dt: float) -> Array:
     for offset, row in zip(penalty.offsets, penalty.data):
         if offset >= 0:  # the lower diagonals follow by symmetry
             bands[3 - offset, offset:] = _SMOOTHNESS**2 * row[offset:n]
-    above = np.zeros(n, dtype=bool)  # rows whose target is the limit
+    above = goal > limit  # rows whose target is the limit
     z = goal
     for _ in range(40):  # most iterations
         system = bands.copy()

@@ -27,12 +27,13 @@ _SHARED = 0.3  # of the landing's speed in its logarithm: a hard push-off lands 
 
 
 def set_down_softly(steps: Sequence[Footstep]) -> list[Footstep]:
-    """The footsteps with heels that come to rest before they touch the ground.
+    """The footsteps with heels that come to rest before they touch the ground, and toes flat on it until they leave.
 
     Use it for a walk that is simulated: the simulated body has rigid legs, on which a landing at a person's speed is a
-    blow of several body weights, and its feet reach their speed of landing themselves.
+    blow of several body weights, and its feet reach their speed of landing themselves; on the edge of a tip it would
+    slip.
     """
-    return [replace(step, swing=replace(step.swing, landing=0.0)) for step in steps]
+    return [replace(step, swing=replace(step.swing, landing=0.0), flat_toes=True) for step in steps]
 
 
 def vary_swings(steps: Sequence[Footstep], gait: Gait, rng: np.random.Generator) -> list[Footstep]:
