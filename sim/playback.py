@@ -29,7 +29,7 @@ LIFTED_SHARE = 1e-3  # share of the load below which a foot counts as lifted
 # How the load of two feet follows what the motion needs: the centres of pressure move by about `_COP_SD_M`, the shares
 # by about `_SHARE_SD` where both feet bear half, and never fall by more than the share `_MOST_OF_SHARE`. By hand: a
 # centre of pressure leaves the sole within millimetres of where feet land and leave, a load can move at any time
-_COP_SD_M, _SHARE_SD, _MOST_OF_SHARE = 0.010, 0.10, 0.8
+_COP_SD_M, _SHARE_SD, _MOST_OF_SHARE = 0.010, 0.20, 0.8
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -123,7 +123,8 @@ def _move_load(
     apart = planned[first] - planned[second]
     apart = apart - apart[:, 2:] * direction
     apart[:, 2] = 0.0
-    share_sd = 2.0 * _SHARE_SD * np.sqrt(a * b)
+    # a foot that has just landed may bear at once what stops it
+    share_sd = _SHARE_SD * np.maximum(4.0 * a * b, 0.0) ** 0.25
     along = np.einsum("ni,ni->n", shift, apart)
     moved = along * share_sd**2 / (_COP_SD_M**2 + (apart**2).sum(1) * share_sd**2)
     moved = np.clip(moved, -_MOST_OF_SHARE * a, _MOST_OF_SHARE * b)

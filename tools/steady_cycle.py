@@ -33,7 +33,7 @@ _FIRST = 2  # first step of the evaluated stride
 _GROUND = (Strip(s0=-100.0, s1=100.0, z0=0.0, z1=0.0, terrain="level"),)
 # Least flexion of the knee, which determines how high the pelvis may be. It is that of the planner and more, because
 # the steps of a walk differ and its pelvis is lower for some time around every leg that would be too straight
-_BENT_RAD = np.radians(7.5)
+_BENT_RAD = np.radians(8.0)
 # a walker without any difference from the mean one, whose steps are all alike
 _MEAN_WALKER = SwayParameters(person_log_sd=0.0, rise_log_sd=0.0, person_phase_deg=0.0, unevenness=0.0, step_sd=0.0)
 

@@ -156,6 +156,16 @@ class Footfall:
         """
         return max(0.0, 1.0 - self._free_weight / _FREE_WEIGHT)
 
+    def pitch_down(self, R_world_sole: Array) -> float:
+        """Pitch of the foot, rad, toes down positive, relative to its mean attitude while flat; 0 before that.
+
+        `R_world_sole` is its attitude now, (3, 3), sole to world.
+        """
+        if self.weight == 0.0:
+            return 0.0
+        flat = math.atan2(self.forward[2], math.hypot(self.forward[0], self.forward[1]))
+        return flat - math.asin(max(-1.0, min(1.0, R_world_sole[2, 0])))
+
     def R_world_sole(self) -> Array:
         """(3, 3) mean attitude of the flat sole, sole to world; the foot must have been flat in a tick."""
         return _rotation_from_axes(self.forward, self.up)

@@ -15,7 +15,7 @@ from stridetwin.estimators.contact_terrain.estimate import (
     ramp_probability,
 )
 from stridetwin.estimators.contact_terrain.footfall import CellLoads, Footfall, contact_point
-from stridetwin.estimators.contact_terrain.geometry import SIDES, Exoskeleton
+from stridetwin.estimators.contact_terrain.geometry import SIDES, Exoskeleton, Sole
 from stridetwin.estimators.contact_terrain.leg import (
     FOOT,
     OFFSETS,
@@ -39,7 +39,26 @@ _BOTH_N = 150.0  # load on both feet from which on a tick has full weight
 _SINGLE_SUPPORT_N = 300.0  # the load in single support is above this
 _SWING_RADPS = 3.0  # a foot on the ground seldom rotates faster
 _CREPT_SHARE = 0.15  # share of the other foot's load that the cells of a foot in the air may report together
+# Toes in push-off, by hand: people's bend by 25-30°, and then the shoe rolls over its tip.
+_TOES_BEND_RAD = math.radians(15.0)  # pitch of the foot up to which the toes stay flat
+_TOES_YIELD_RAD = math.radians(25.0)  # more pitch, in which they cease to bend, after half of it
+_ROLLING_RAD = math.radians(6.0)  # pitch beyond that at which a foot that leaves has half its weight
 _LANDING_RADPS = 0.7  # angular rate at which a foot that landed on its heel has half its weight
+
+
+def risen_hinge(sole: Sole, pitch: float) -> Array:
+    """(3,) m, by which the toe hinge has moved since the foot lay flat, in the axes of its footprint.
+
+    The toes lift by the pitch less what they bend, φ, about their tip: d − R_y(φ) d with the way d from hinge to tip.
+
+    Args:
+        sole: The sole.
+        pitch: Of the foot since it was flat, rad, toes down positive.
+    """
+    x = max(pitch - _TOES_BEND_RAD, 0.0)
+    roll = 0.5 * x * x / _TOES_YIELD_RAD if x < _TOES_YIELD_RAD else x - 0.5 * _TOES_YIELD_RAD
+    along, c, s = sole.tip_x - sole.hinge_x, math.cos(roll), math.sin(roll)
+    return np.array([along * (1.0 - c) + sole.hinge_z * s, 0.0, along * s - sole.hinge_z * (1.0 - c)])
 
 
 class DoubleSupport:
@@ -98,7 +117,7 @@ class Proposed:
     def __init__(self, exo: Exoskeleton, parameters: ContactTerrainParameters = DEFAULTS) -> None:
         """Begins with both feet on the ground, at step 0."""
         self._parameters, self._compliance = parameters, exo.compliance
-        soles = [exo.legs[side].sole for side in SIDES]
+        self._soles = soles = [exo.legs[side].sole for side in SIDES]
         self._R_foot_sole = [sole.T_foot_sole[:3, :3] for sole in soles]
         # fixed contact points of each foot, (3,) m on the sole and in the last frame: [side][False] is the toe hinge,
         # [side][True] the heel's edge
@@ -144,7 +163,9 @@ class Proposed:
         for side in range(2):
             self._detect_landing(side, tick.t_ns, loads, rates, cells[side], R_world_sole[side])
         if all(self._down):
-            self._add_support(angles, loads, float(rates[self._newest]), all(free))
+            old = 1 - self._newest
+            raised = self._contacts[old].pitch_down(R_world_sole[old])
+            self._add_support(angles, loads, float(rates[self._newest]), raised, all(free))
         self._detect_lift_off(tick.t_ns, loads, rates, cells)
         flat = [False, False]  # whether each foot is flat in this tick
         for i in range(2):
@@ -229,16 +250,19 @@ class Proposed:
         self._contacts = [Footfall(fall.step, fall.on_heel) for fall in self._contacts]
         self._support, self._posterior = DoubleSupport(), None
 
-    def _add_support(self, angles: list[Array], loads: Array, rate: float, free: bool) -> None:
+    def _add_support(self, angles: list[Array], loads: Array, rate: float, raised: float, free: bool) -> None:
         """Adds a tick with both feet down to the vector between their contacts (docs/contact_terrain.md (7)).
 
         The vector goes from the toe hinge of the old foot to the heel's edge of the new one or, if it landed on the
-        forefoot, to its toe hinge. A tick weighs less while the load is still on one foot, or a heel still rotates.
+        forefoot, to its toe hinge. A tick weighs less while the load is still on one foot, or a heel still rotates, and
+        the more the old foot is pitched beyond what toes bend: then it rolls over its tip, and its hinge has risen by
+        `risen_hinge`, which differs from person to person.
 
         Args:
             angles: Joint angles of each leg, rad, from `leg_angles`.
             loads: (2,) N, load on each foot.
             rate: Angular rate of the foot that landed last, rad/s.
+            raised: Pitch of the old foot since it was flat, rad, toes down positive.
             free: Whether both ankles are clear of their stops.
         """
         new, old = self._newest, 1 - self._newest
@@ -246,8 +270,11 @@ class Proposed:
         weight = min(1.0, max(float(loads.min()), 1.0) / _BOTH_N) ** 2  # at least that of 1 N, never 0
         if fall.on_heel:
             weight /= 1.0 + (rate / _LANDING_RADPS) ** 2
+        weight /= 1.0 + (max(raised - _TOES_BEND_RAD, 0.0) / _ROLLING_RAD) ** 2
         vector, J = self._contact_position(new, fall.on_heel, angles[new])
         before, J_before = self._contact_position(old, False, angles[old])
+        if raised > _TOES_BEND_RAD:
+            before = before - self._contacts[old].R_world_sole() @ risen_hinge(self._soles[old], raised)
         J = J - J_before
         J[2, SAG] = 1.0 if fall.on_heel else 0.0  # the sag of a loaded heel acts on the height only
         self._support.add(weight, vector - before, J, free)

@@ -24,7 +24,7 @@ _SETTLED_M = 1e-5  # change of the height at which the iteration of `fit_pelvis_
 # leg would be straighter, the pelvis is lower all around, and both knees bend farther than the norms. Off the level it
 # is larger: down stairs people land on a bent knee; uphill, a nearly straight rear leg would have to bend at hundreds
 # of rad/s² as soon as its foot leaves, and the other foot would slip.
-_MIN_KNEE_RAD = np.radians(5.0)  # determines the height of the pelvis on the level
+_MIN_KNEE_RAD = np.radians(6.0)  # determines the height of the pelvis on the level
 HARD_MIN_KNEE_RAD = np.radians(1.5)  # to which the legs may straighten
 _KNEE_DOWNSTAIRS_RAD = np.radians(16.0)  # least flexion at the landing on a tread, downstairs
 _KNEE_UPSTAIRS_RAD = np.radians(11.0)  # least flexion upstairs
