@@ -271,7 +271,7 @@ def toe_roll(step: Footstep, theta: Array) -> Array:
     """
     if not step.rolls_off:
         return np.zeros_like(theta)
-    x = (theta - _TOES_BEND_RAD) / _TOES_YIELD_RAD
+    x = (theta - _TOES_BEND_RAD - step.toes_bend_rad) / _TOES_YIELD_RAD
     inner = np.clip(x, 0.0, 1.0)
     return _TOES_YIELD_RAD * (inner**4 * (2.5 + inner * (inner - 3.0)) + np.maximum(x - 1.0, 0.0))
 

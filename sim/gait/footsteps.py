@@ -292,6 +292,7 @@ class Footstep(Stance):
         twist: How the foot turns on its ball; None if it does not.
         look_back: Look over the shoulder that begins at this touch-down; None for none.
         flat_toes: Whether the toes stay flat on the ground until toe-off.
+        toes_bend_rad: How much farther than usual they bend before toe-off.
     """
 
     s: float
@@ -309,6 +310,7 @@ class Footstep(Stance):
     twist: Twist | None = None
     look_back: LookBack | None = None
     flat_toes: bool = False
+    toes_bend_rad: float = 0.0
 
     @property
     def rolls_off(self) -> bool:

@@ -21,6 +21,7 @@ _USUAL_STEP_SD = 0.015  # `Gait.step_sd` of such a person
 _MAX_SCALE = 2.0  # of people whose steps vary more
 _STRIDE_PUSH, _STRIDE_TOES_RAD, _STRIDE_LIFT_M, _STRIDE_CLEARANCE_M, _STRIDE_LANDING = 0.040, 0.015, 0.003, 0.0025, 0.12
 _PERSON_PUSH, _PERSON_TOES_RAD, _PERSON_LIFT_M, _PERSON_LANDING = 0.015, 0.010, 0.002, 0.10
+_BEND_BY_PUSH_RAD = 0.5  # more bend of the toes before toe-off, per relative strength of the push
 _LIMIT = 2.0  # of each deviation, in standard deviations
 _MIN_CLEARANCE = 0.5  # of the usual clearance
 _SHARED = 0.3  # of the landing's speed in its logarithm: a hard push-off lands harder
@@ -60,4 +61,11 @@ def vary_swings(steps: Sequence[Footstep], gait: Gait, rng: np.random.Generator)
         )
         higher = max(1.0 + _STRIDE_CLEARANCE_M / CLEARANCE_M * clearance, _MIN_CLEARANCE)
         varied.append(replace(step, swing=swing, clearance_m=higher * step.clearance_m))
+    following: dict[str, Footstep] = {}  # next step of each foot
+    for i in reversed(range(len(varied))):  # who pushes harder bends the toes farther before they roll over their tip
+        step = varied[i]
+        if step.foot in following:
+            push = following[step.foot].swing.push
+            varied[i] = replace(step, toes_bend_rad=_BEND_BY_PUSH_RAD * (push - 1.0))
+        following[step.foot] = step
     return varied
