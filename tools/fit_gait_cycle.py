@@ -120,7 +120,7 @@ _PACE_OF_WHOLE_NORM = 0.2  # people who walk more slowly use part of the slowest
 # quickest lowering of the sole, the hardest braking in the air and the speed of the heel before it lands. All but the
 # swing and the landing are a little below the recorded figures, as the limits are soft
 _RECORDED_PACE, _RECORDED_LEG_M = 0.43, 0.93
-_TOE_OFF_RADPS, _SWING_RATE_RADPS, _SLAP_RADPS, _BRAKING_MPS2 = 9.75, 6.7, 4.6, 25.0
+_TOE_OFF_RADPS, _SWING_RATE_RADPS, _SLAP_RADPS, _BRAKING_MPS2 = 9.9, 6.7, 4.6, 25.0
 _LANDING_MPS = 1.18  # of the heel, `_LANDING_S` before touch-down
 _LANDING_S = 0.02
 # Rise and fall of the pelvis by speed, leg lengths. `opencap_walking` rises by 47 mm with steps of 0.70 m; the twin's
