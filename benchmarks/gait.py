@@ -50,8 +50,8 @@ def penetration(twin: Twin, side: str) -> float:
 def slip(twin: Twin, side: str) -> float:
     """Largest movement along one axis of a loaded pivot in one stance, m.
 
-    Pivots are the heel's edge until the sole is flat, then the tip of the toes, and the toe hinge until the toes roll
-    over their tip. It counts from the instant at which the ground has stopped the heel (`skid` is the way until then).
+    Pivots are the heel's edge until the sole is flat, then the toe hinge until the toes roll over their tip, and that
+    tip, if they do. It counts from the instant at which the ground has stopped the heel (`skid` is the way until then).
     """
     shoe, worst = twin.size.shoe, 0.0
     for step in twin.walk.steps[side]:
@@ -65,7 +65,7 @@ def slip(twin: Twin, side: str) -> float:
         hinge = track.p_body_in_world + R @ np.array([shoe.toe_hinge_x, 0.0, shoe.toe_hinge_z])
         tip = toe.p_body_in_world + R_toe @ [shoe.toe_tip_x - shoe.toe_hinge_x, 0.0, -shoe.toe_hinge_z]
         late = pitch > -1e-4
-        for point, on in ((heel, pitch < 1e-4), (hinge, late & flat_toes), (tip, late)):
+        for point, on in ((heel, pitch < 1e-4), (hinge, late & flat_toes), (tip, late & step.rolls_off)):
             if on.sum() > 1:
                 worst = max(worst, float(np.ptp(point[on], axis=0).max()))
     return worst
