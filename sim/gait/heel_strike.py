@@ -109,7 +109,7 @@ SHOE = ShoeParameters(
     slap=0.50,
     snap=0.20,
     rock_hz=np.array([2.5, 5.0, 10.0]),
-    rock_rate=np.array([[0.119, 0.108, 0.128], [0.060, 0.022, 0.036], [0.046, 0.017, 0.027]]),
+    rock_rate=0.9 * np.array([[0.119, 0.108, 0.128], [0.060, 0.022, 0.036], [0.046, 0.017, 0.027]]),
     settle_rad=np.array([0.0, -0.075, 0.0]),
     settle_sd_rad=np.array([0.035, 0.020, 0.025]),
     give_sd_m=np.array([0.002, 0.002, 0.002]),
@@ -201,6 +201,7 @@ def case_parameters(strike: float) -> ShoeParameters:
 
 _LOAD_BY_QUICKNESS = 0.7  # mean load on a foot, by the inverse of the time for which it bears it
 _WALKING_STANCE_S = 0.61  # of a brisk walk; in a shorter stance the upper moves in less time
+_SHORTEST_STANCE_S = 0.1
 _STANCE_OF_A_STEP_S = 1.5  # a longer stance is that of somebody who stands
 _ROLL_AT_MOST_S = 1.0  # in which the upper rolls from heel to ball
 _SWAY_FADE_S = 0.4  # in which sway begins and ends
@@ -367,7 +368,7 @@ class UpperMotion:
             )
             slap_time = _slap_time(step, pitch, parameters.slap_rad)
             # the heel strike, then the slap of the ball, with its strength relative to the strike's
-            for t, relative in ((step.t_touch, 1.0), (slap_time, parameters.slap)):
+            for t, relative in ((step.t_touch, 1.0), (slap_time, parameters.slap / _quickness(step))):
                 phase = shape + parameters.jitter_rad * rng.standard_normal(shape.shape)
                 strikes.append((t, strength * relative * unit, phase))
             if parameters.snap > 0.0 and np.isfinite(step.t_off):
@@ -380,8 +381,8 @@ class UpperMotion:
         stands = [step for step in steps if not step.t_off - step.t_touch < _STANCE_OF_A_STEP_S]
         nothing = np.zeros((len(stands), 3))
         begins, ends = np.array([s.t_touch for s in landings]), np.array([min(s.t_off, -_LONG_AGO_S) for s in landings])
-        lasting = np.maximum(ends - begins, 0.1)  # (S,) s
-        quick = np.maximum(_WALKING_STANCE_S / lasting, 1.0)
+        lasting = np.maximum(ends - begins, _SHORTEST_STANCE_S)  # (S,) s
+        quick = np.array([_quickness(step) for step in landings])
         # one row for every mode after every strike
         begin = np.repeat([t for t, _, _ in strikes], len(parameters.mode_hz))
         hz, decay_s = (np.tile(x, len(strikes)) for x in (parameters.mode_hz, parameters.mode_decay_s))
@@ -400,7 +401,7 @@ class UpperMotion:
                 begin=begins,
                 end=np.minimum(ends, begins + parameters.rock_s),
                 phase=np.reshape(rocks, (-1, *parameters.rock_rate.shape)),
-                settle=parameters.settle_rad + settling[:, :3] * parameters.settle_sd_rad,
+                settle=(parameters.settle_rad + settling[:, :3] * parameters.settle_sd_rad) / quick[:, None],
                 lean=parameters.lean_rad * (1.0 + parameters.lean_sd * settling[:, 3:]),
                 quick=quick,
             ),
@@ -504,7 +505,7 @@ def _add_rocks(
     """
     for e in range(len(rocks.begin)):
         for i in range(rows[0, e], rows[1, e]):
-            # in a short stance, lean and rocking take a shorter time, and the load that causes them is larger
+            # in a short stance all this takes a shorter time, and the load that makes it lean and rock is larger
             quick = rocks.quick[e]
             size = quick**_LOAD_BY_QUICKNESS
             since, before_end = t[i] - rocks.begin[e], rocks.end[e] - t[i]
@@ -514,9 +515,9 @@ def _add_rocks(
             window = ease(begun) * ease(left)
             changing = quick * (ease_rate(begun) * ease(left) - ease(begun) * ease_rate(left)) / fade_s
             # the rotation that settles, as a share, and its rate
-            grown, settled, fading = since / settle_s[0], (since - settle_s[0]) / settle_s[1], before_end / fade_s
+            grown, settled, fading = tau / settle_s[0], (tau - settle_s[0]) / settle_s[1], quick * before_end / fade_s
             share = ease(grown) * (1.0 - ease(settled)) * ease(fading)
-            sharing = (
+            sharing = quick * (
                 ease_rate(grown) / settle_s[0] * (1.0 - ease(settled)) * ease(fading)
                 - ease(grown) * ease_rate(settled) / settle_s[1] * ease(fading)
                 - ease(grown) * (1.0 - ease(settled)) * ease_rate(fading) / fade_s
@@ -576,6 +577,11 @@ def _add_rolls(
                 rate[i, k] += roll[after] * moving[last] - roll[last] * moving[after] + sharing * give[k]
                 value[i, 3 + k] += share * roll[k]
                 rate[i, 3 + k] += sharing * roll[k]
+
+
+def _quickness(step: Stance) -> float:
+    """Speed of what happens in a stance relative to a walking one; runners land flatter, with less slap and settling."""
+    return max(_WALKING_STANCE_S / max(step.t_off - step.t_touch, _SHORTEST_STANCE_S), 1.0)
 
 
 def _slap_time(step: Stance, pitch: Callable[[Array], Array], flat_rad: float) -> float:
