@@ -22,7 +22,7 @@ _STEP_HZ, _LEG_M = 2.65, 0.92  # step frequency of a person with that leg, hip c
 _FLIGHT, _FLIGHT_PACE, _FLIGHT_BY_PACE = 0.10, 0.40, 0.6  # share of a step, at that dimensionless speed, and its growth
 _FLIGHT_RANGE = (0.05, 0.30)
 _FLAT_AFTER = 0.07  # share of a step from touch-down until the foot is flat
-_HEEL_OFF_BEFORE = 0.37  # share of a step from heel-off to toe-off
+_HEEL_OFF_BEFORE = 0.37  # share of a step from heel-off to toe-off; 0.11 s in recorded runs
 _RISE = (0.09, 0.30, 0.64)  # pitch at the inner `style.RISE_KNOTS`: the angular rate grows evenly
 # Pitch at `style.SWING_KNOTS`, rad, at the dimensionless speed `_PITCH_PACE`: integrals of the angular rates of the
 # recorded runs of `foot_imu_vicon` (1.4 to 2.3 m/s), the largest 2 % smaller for the range of the ankle; it grows with

@@ -247,3 +247,46 @@ def test_a_shoe_rolls_over_the_ground_from_heel_to_ball_without_slip() -> None:
     arm = np.column_stack([contact_m, np.zeros((len(t), 2))]) - pivot
     while_it_rolls = t < 0.55
     np.testing.assert_allclose((v + np.cross(w, arm))[while_it_rolls], 0.0, atol=1e-9)
+
+
+def test_a_landing_has_settled_by_the_middle_of_a_runners_stance() -> None:
+    """Runners have an instant of rest, as recorded ones do: what settles takes a share of the stance, not a time."""
+    none = np.zeros(3)
+    shoe = replace(
+        SHOE,
+        mode_force=0.0 * SHOE.mode_force,
+        mode_rate=0.0 * SHOE.mode_rate,
+        rock_rate=0.0 * SHOE.rock_rate,
+        sway_rate=0.0 * SHOE.sway_rate,
+        settle_sd_rad=none,
+        give_sd_m=none,
+        snap=0.0,
+    )
+    turned = {}
+    for lasting in (0.61, 0.30, 0.20):
+        stance = Stance(
+            foot="l",
+            p_foot_in_world=np.zeros(3),
+            R_world_sole=np.eye(3),
+            terrain="level",
+            mode="LG",
+            t_touch=0.0,
+            t_off=lasting,
+        )
+        upper = UpperMotion.of(
+            [stance],
+            lambda t: np.zeros(len(t)),
+            lambda t: np.ones(len(t)),
+            np.array([0.11, 0.0, 0.085]),
+            np.random.default_rng(0),
+            shoe,
+        )
+        t = np.linspace(0.0, lasting, 2001)
+        moved, rotation, v, w = upper.at(t)
+        np.testing.assert_allclose(np.gradient(rotation, t, axis=0)[1:-1], w[1:-1], atol=2e-2)
+        np.testing.assert_allclose(np.gradient(moved, t, axis=0)[1:-1], v[1:-1], atol=2e-3)
+        assert np.abs(w[t > 0.4 * lasting]).max() < 1e-12
+        turned[lasting] = np.abs(rotation).max()
+    assert turned[0.61] == pytest.approx(0.075)
+    assert turned[0.30] == pytest.approx(0.075 * 0.30 / 0.61, rel=1e-3)
+    assert turned[0.20] < turned[0.30]

@@ -63,6 +63,24 @@ def test_the_ground_carries_a_runner_by_a_force_of_two_body_weights(twins: dict[
     assert np.sqrt(np.mean(left**2)) < 0.6
 
 
+@pytest.mark.parametrize("speed", SPEEDS_MPS)
+def test_a_runners_shoe_is_nearly_still_for_an_instant_of_most_stances(twins: dict[float, Twin], speed: float) -> None:
+    """Stillest 25 ms of stances: recorded runners turn at 0.2 to 0.8 rad/s there (`foot_imu_vicon`, 80 %)."""
+    config = replace(twins[speed].config, sensors=("foot_imu",))
+    stillest = []
+    for seed in (5, 6, 7):
+        twin = Twin(config, seed)
+        t_ns = np.arange(0, int(twin.duration_s * 1e9), 5_000_000, dtype=np.int64)
+        uppers, t = twin.player().motion(t_ns).uppers, t_ns * 1e-9
+        for side in ("l", "r"):
+            rate2 = (uppers[f"foot_{side}"].w_body ** 2).sum(1)
+            means = np.sqrt(np.convolve(rate2, np.ones(5) / 5, "same"))
+            stillest += [
+                means[(t > s.t_touch) & (t < s.t_off)].min() for s in twin.reference.steps[side] if s.is_run
+            ]
+    assert 0.2 < np.median(stillest) < 0.8
+
+
 @given(st.floats(0.02, 0.35))
 def test_a_body_falls_freely_in_the_flight(flight: float) -> None:
     wave = bounce(flight)
