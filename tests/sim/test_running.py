@@ -75,9 +75,7 @@ def test_a_runners_shoe_is_nearly_still_for_an_instant_of_most_stances(twins: di
         for side in ("l", "r"):
             rate2 = (uppers[f"foot_{side}"].w_body ** 2).sum(1)
             means = np.sqrt(np.convolve(rate2, np.ones(5) / 5, "same"))
-            stillest += [
-                means[(t > s.t_touch) & (t < s.t_off)].min() for s in twin.reference.steps[side] if s.is_run
-            ]
+            stillest += [means[(t > s.t_touch) & (t < s.t_off)].min() for s in twin.reference.steps[side] if s.is_run]
     assert 0.2 < np.median(stillest) < 0.8
 
 
