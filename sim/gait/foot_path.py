@@ -161,22 +161,29 @@ def foot_path(steps: Sequence[Footstep], size: Wearer, t: Array, height: Callabl
     p, R = np.empty((n, 3)), np.empty((n, 3, 3))
     toe, s, heading = np.empty(n), np.empty(n), np.empty(n)
     for i, step in enumerate(steps):
-        on = (t >= step.t_touch) & (t <= step.t_off)
+        on = rows_within(t, step.t_touch, step.t_off)
         p[on], R[on], toe[on] = _stance_poses(step, size.shoe, theta[on], t[on])
         if i > 0:
-            p[on] -= landing_lag(steps[i - 1], step, size.shoe, t[on])
+            braking = rows_within(t, step.t_touch, step.t_touch + STOPPING_S)  # no way is left later
+            p[braking] -= landing_lag(steps[i - 1], step, size.shoe, t[braking])
         s[on], heading[on] = step.s, step.heading
         if step.twist is not None:
             heading[on] += step.twist.angle(t[on], step.t_touch, step.t_off)
         if i + 1 < len(steps):  # no swing follows the last footstep
             step, to = _as_it_leaves(step, size.shoe), _as_it_lands(steps[i + 1], size.shoe)
-            air = (t > step.t_off) & (t < to.t_touch)
+            air = slice(on.stop, max(on.stop, int(np.searchsorted(t, to.t_touch))))
             p[air], R[air], toe[air] = _swing_poses(step, to, size, t[air], theta[air], pitch, height)
             # arc length and heading of a foot in the air go smoothly from footprint to footprint
             share = ease((t[air] - step.t_off) / (to.t_touch - step.t_off))
             s[air] = step.s + share * (to.s - step.s)
             heading[air] = step.heading + share * (to.heading - step.heading)
     return FootPath(p_foot_in_world=p, R_world_foot=R, toe_extension=toe, pitch=theta, s=s, heading=heading)
+
+
+def rows_within(t: Array, begin: float, end: float) -> slice:
+    """Rows of (N,) increasing s from `begin` to `end`, both included."""
+    first = int(np.searchsorted(t, begin))
+    return slice(first, max(first, int(np.searchsorted(t, end, side="right"))))
 
 
 def with_heel_rise(path: FootPath, steps: Sequence[Footstep], shoe: Shoe, t: Array, dorsiflexion: Array) -> FootPath:
@@ -196,16 +203,18 @@ def with_heel_rise(path: FootPath, steps: Sequence[Footstep], shoe: Shoe, t: Arr
     p, R = path.p_foot_in_world.copy(), path.R_world_foot.copy()
     toe, theta = path.toe_extension.copy(), path.pitch.copy()
     for step, after in pairwise(steps):
-        on = (t >= step.t_touch) & (t <= step.t_off)
-        # time after toe-off in units of the fade; negative in stance. The additional pitch begins before toe-off and is
-        # over by toe-off: then the foot is back on its path, so that the swing does not change
-        late = (t[on] - step.t_off) / _RISE_FADE_S
-        fade = ease(late + _RISE_BEFORE * step_time(step, after) / _RISE_FADE_S + 1.0) * ease(-late)
+        on = rows_within(t, step.t_touch, step.t_off)
         limit = _MAX_DORSIFLEXION_RAD + _DORSIFLEXION_BY_SLOPE * max(step.slope, 0.0)
         limit += _DORSIFLEXION_ON_STAIRS_RAD if step.arrival != "heel" else 0.0
         limit += _DORSIFLEXION_IN_RUN_RAD if after.is_run else 0.0
         excess = np.maximum(dorsiflexion[on] - limit, 0.0)
+        if not (excess > 0.0).any():
+            continue
         smooth = gaussian_filter1d(excess, _RISE_SMOOTHING_S / (t[1] - t[0]), mode="nearest")
+        # time after toe-off in units of the fade; negative in stance. The additional pitch begins before toe-off and is
+        # over by toe-off: then the foot is back on its path, so that the swing does not change
+        late = (t[on] - step.t_off) / _RISE_FADE_S
+        fade = ease(late + _RISE_BEFORE * step_time(step, after) / _RISE_FADE_S + 1.0) * ease(-late)
         rolling, _, _ = _stance_poses(step, shoe, theta[on], t[on])
         theta[on] += fade * _RISE_GAIN * smooth
         raised, R[on], toe[on] = _stance_poses(step, shoe, theta[on], t[on])

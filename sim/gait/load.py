@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
 
-from stridetwin.sim.gait.foot_path import landing_lag, toe_roll
+from stridetwin.sim.gait.foot_path import STOPPING_S, landing_lag, rows_within, toe_roll
 from stridetwin.sim.gait.foot_pitch import FLAT_BY
 from stridetwin.sim.gait.footsteps import SETTLE_S, WEIGHT_SHIFT_S, Footstep
 from stridetwin.sim.gait.style import TRAVEL_KNOTS
@@ -68,12 +68,13 @@ def load_shares(steps: Mapping[str, Sequence[Footstep]], t: Array) -> dict[str, 
             before = max((s for s in other_steps if s.t_touch <= step.t_touch), key=lambda s: s.t_touch)
             following = max((s for s in other_steps if s.t_touch < step.t_off), key=lambda s: s.t_touch)
             # the load comes up after touch-down and goes down before toe-off; never for feet that stand at an end
-            up, down = np.ones_like(t), np.ones_like(t)
+            on = rows_within(t, step.t_press, step.t_off)
+            up, down = np.ones_like(t[on]), np.ones_like(t[on])
             if np.isfinite(step.t_touch) and before.t_off >= step.t_touch:  # otherwise after a flight
-                up = _load_share(step, t, step.t_touch, other_off)
+                up = _load_share(step, t[on], step.t_touch, other_off)
             if np.isfinite(step.t_off) and following.t_touch >= step.t_touch:  # otherwise before a flight
-                down = 1 - _load_share(following, t, following.t_touch, step.t_off)
-            raw[foot] = np.where((t >= step.t_press) & (t <= step.t_off), up * down, raw[foot])
+                down = 1 - _load_share(following, t[on], following.t_touch, step.t_off)
+            raw[foot][on] = up * down
     flight = in_flight(steps, t)
     total = np.where(flight, 1.0, sum(raw.values()))
     ground = ~flight
@@ -84,7 +85,7 @@ def in_flight(steps: Mapping[str, Sequence[Footstep]], t: Array) -> NDArray[np.b
     """(N,) whether no foot is on the ground at (N,) s."""
     ground = np.zeros(len(t), bool)
     for step in (step for foot_steps in steps.values() for step in foot_steps):
-        ground |= (t >= step.t_press) & (t <= step.t_off)
+        ground[rows_within(t, step.t_press, step.t_off)] = True
     return ~ground
 
 
@@ -184,7 +185,8 @@ def pressure_centres(
             x = np.minimum(x, 1.0)  # not in front of the toe hinge
         p[on] = step.p_foot_in_world + (x * shoe.toe_hinge_x)[:, None] * step.R_world_sole[:, 0]
         if before is not None:  # a heel that lands at speed is still on its way
-            p[on] -= landing_lag(before, step, shoe, t[on])
+            braking = rows_within(t, step.t_press, step.t_touch + STOPPING_S)
+            p[braking] -= landing_lag(before, step, shoe, t[braking])
         before = step
     return p
 

@@ -16,6 +16,7 @@ from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.streams.samples import Array
 
 _SETTLED_M = 1e-5  # change of the height at which the iteration of `fit_pelvis_height` ends
+_MOST_ROUNDS = 40  # of this iteration
 
 
 # Least flexion of the knees, and the height of the pelvis; chosen by hand, within what the legs reach.
@@ -134,7 +135,9 @@ def fit_pelvis_height(goal: Array, limit: Array, dt: float) -> Array:
     """(N,) m, smooth height close to a goal and below a limit.
 
     It minimises Σ w (z − target)² + `_SMOOTHNESS`² Σ (z''')². The target is the goal with w = 1; where z would exceed
-    the limit, it is the limit with w = `_ABOVE_REACH_WEIGHT`. The set of these rows is found by iteration.
+    the limit, it is the limit with w = `_ABOVE_REACH_WEIGHT`. The set of these rows is found by iteration. Sets often
+    come back in a circle instead of settling; then whole circles are left out of the remaining rounds, as they change
+    nothing.
 
     Args:
         goal: (N,) m, wanted height.
@@ -145,18 +148,27 @@ def fit_pelvis_height(goal: Array, limit: Array, dt: float) -> Array:
     # third difference over Δt³, (N − 3, N), and the penalty DᵀD on the third derivative
     D = sp.diags_array([-1.0, 3.0, -3.0, 1.0], offsets=[0, 1, 2, 3], shape=(n - 3, n)) / dt**3
     penalty = sp.dia_array(D.T @ D)
-    bands = np.zeros((4, n))  # upper diagonals of the symmetric system, the main one last, as for `solveh_banded`
+    # upper diagonals of the symmetric system, the main one last, as for `solveh_banded`
+    bands = np.zeros((4, n), order="F")
     for offset, row in zip(penalty.offsets, penalty.data):
         if offset >= 0:  # the lower diagonals follow by symmetry
             bands[3 - offset, offset:] = _SMOOTHNESS**2 * row[offset:n]
     above = goal > limit  # rows whose target is the limit
     z = goal
-    for _ in range(40):  # most iterations
-        system = bands.copy()
+    last = _MOST_ROUNDS - 1
+    seen: dict[bytes, int] = {}  # round in which a set of rows came first
+    for k in range(_MOST_ROUNDS):
+        period = k - seen.setdefault(np.packbits(above).tobytes(), k)
+        if period == 1:
+            break  # the set of the round before
+        if period:
+            last = k + (last - k) % period
+        system = bands.copy(order="F")
         system[3] += np.where(above, _ABOVE_REACH_WEIGHT, 1.0)
         before = z
-        z = solveh_banded(system, np.where(above, _ABOVE_REACH_WEIGHT * limit, goal))
-        if np.abs(z - before).max() < _SETTLED_M:
+        target = np.where(above, _ABOVE_REACH_WEIGHT * limit, goal)
+        z = solveh_banded(system, target, overwrite_ab=True, overwrite_b=True)
+        if k == last or np.abs(z - before).max() < _SETTLED_M:
             break
         above = z > limit
     return z
