@@ -31,6 +31,9 @@ _BACK = 0.15  # share of the shift that each step removes, towards the planned f
 _FORWARD_M, _OUTWARD_M, _INWARD_M = 0.15, 0.12, 0.035
 _ON_EDGES_M = 0.0  # along the way near a riser: the toes already reach to the edge
 _COMMITTED_S = 0.05  # this long before landing, the foothold is fixed
+# way of the body's centre of mass per way of a foot in the air: thigh, shank and foot have 0.19 of the mass (de Leva
+# 1996) and move by about 0.2, 0.7 and 1.0 of it, and the exoskeleton's leg adds a part
+_LEG_SHARE = 0.1
 _SEARCH_MPS = 0.3  # downward speed of a late foot
 _SETTLE_MPS = 0.05  # and of a foot that is over the floor but does not press
 
@@ -106,7 +109,7 @@ def advance_shifts(
 ) -> None:
     """Advances the shifts of feet and pelvis by one control step.
 
-    Let c be the deviation of the centre of mass from its shifted plan, ξ = c + c' / ω that of the divergent motion, T
+    Let c be the deviation of the centre of mass from its shifted plan, the shifted leg in the air included, ξ = c + c' / ω that of the divergent motion, T
     the time until landing, and b what the centre of pressure can correct. The foothold of a foot in the air shifts by
     exp(ω T) |ξ| − (exp(ω T) − 1) b in the direction of ξ, plus most of the shift of the other foot. This shift is
     limited along and across the way. The foot follows it critically damped. The pelvis follows the feet that bear load
@@ -136,7 +139,10 @@ def advance_shifts(
             # the present deviation grows until landing, minus what the centre of pressure corrects until then
             growth = math.exp(OMEGA * until_landing[k])
             for axis in range(2):  # x and y of the world
-                xi = com[0, axis] - root[0, axis] + (com[1, axis] - root[1, axis]) / OMEGA
+                # what the leg in the air moves the body by following its shift is no deviation: counted as one, it
+                # would enlarge the shift, and the feet would swing farther and farther from their plan
+                xi = com[0, axis] - root[0, axis] - _LEG_SHARE * foot[k, 0, axis]
+                xi += (com[1, axis] - root[1, axis] - _LEG_SHARE * foot[k, 1, axis]) / OMEGA
                 foothold_shift = math.copysign(max(growth * abs(xi) - (growth - 1.0) * _PRESSURE_M, 0.0), xi)
                 foothold_shift += (1.0 - _BACK) * foot[1 - k, 0, axis]
                 ahead += R_way[axis, 0] * foothold_shift
