@@ -119,8 +119,9 @@ class Gains:
         max_lift: Vertical force of both feet together, as a share of the body weight, from which on the legs yield:
             tracking then gives way, as a person's knees do.
         leg_stiffness: Of legs that have yielded, N/m: by it the limit grows with the way that the pelvis is below its
-            plan, so that a body that sinks is caught. By hand: with a person's 14 kN/m (Geyer, Seyfarth & Blickhan
-            2006, Proc. R. Soc. B 273), with 28 and with 60, walkers fall after a misstep of 5 cm.
+            plan, so that a body that sinks is caught. By hand: with 120 the last landing after a ramp presses with 1.8
+            body weights, with 60 with 1.55; people's legs have 14 (Geyer, Seyfarth & Blickhan 2006, Proc. R. Soc. B
+            273).
         slack_m: The pelvis may be lower than planned by this before that.
         assist_n, assist_nm: Standard deviations of the assist's force and torque, where there is assist.
         max_assist: Limit of its force, as a share of the body weight.
@@ -138,8 +139,8 @@ class Gains:
     arm: float = 0.004
     foot: FootGains = field(default_factory=FootGains)
     max_torque: float = 400.0
-    max_lift: float = 1.4
-    leg_stiffness: float = 120e3
+    max_lift: float = 1.45
+    leg_stiffness: float = 60e3
     slack_m: float = 0.01
     assist_n: float = 20.0
     assist_nm: float = 1.6

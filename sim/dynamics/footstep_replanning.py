@@ -109,11 +109,11 @@ def advance_shifts(
 ) -> None:
     """Advances the shifts of feet and pelvis by one control step.
 
-    Let c be the deviation of the centre of mass from its shifted plan, the shifted leg in the air included, ξ = c + c' / ω that of the divergent motion, T
-    the time until landing, and b what the centre of pressure can correct. The foothold of a foot in the air shifts by
-    exp(ω T) |ξ| − (exp(ω T) − 1) b in the direction of ξ, plus most of the shift of the other foot. This shift is
-    limited along and across the way. The foot follows it critically damped. The pelvis follows the feet that bear load
-    at the rate ω.
+    Let c be the deviation of the centre of mass from its plan, which the shifts of the pelvis and of the leg in the air
+    move, ξ = c + c' / ω that of the divergent motion, T the time until landing, and b what the centre of pressure can
+    correct. The foothold of a foot in the air shifts by exp(ω T) |ξ| − (exp(ω T) − 1) b in the direction of ξ, plus
+    most of the shift of the other foot. This shift is limited along and across the way. The foot follows it critically
+    damped. The pelvis follows the feet that bear load at the rate ω.
 
     Args:
         shifts: Shifts at the step before, which are overwritten.
