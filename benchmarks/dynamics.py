@@ -16,9 +16,11 @@ import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from multiprocessing import get_context
 
 import numpy as np
+from scipy.signal import butter, sosfiltfilt
 
 from benchmarks.gait import motion_at
 from stridetwin.scenarios.scenario_file import load_scenario
@@ -75,6 +77,7 @@ ALLOWED = {
     "turns": {"fell": 0, "root_mean_pct": 3},
     "pauses": {"fell": 0},
 }
+_LABORATORY_HZ = 10.0  # low pass of the moments, as of laboratories
 _STEADY_S = 1.0  # excluded from the forces at both ends of a walk
 _FIRM = 0.10  # load on a foot, share of the body weight, above which it must not slip
 
@@ -162,7 +165,22 @@ def measure(case: Case) -> dict[str, float]:
         "slip_p95_mm": 1e3 * float(np.quantile(slips(twin, walk), 0.95)),
         "penetration_mm": 1e3 * penetration(twin, walk),
     }
+    if case.name == "level":
+        figures |= greatest_moments(twin, walk)
     return figures
+
+
+def greatest_moments(twin: Twin, walk: SimulatedWalk) -> dict[str, float]:
+    """Greatest moments of the left leg (hip and knee extension, plantar flexion) in its mean stride, N m/kg."""
+    low_pass = butter(2, _LABORATORY_HZ / (0.5 / float(walk.t[1] - walk.t[0])), output="sos")
+    greatest = {}
+    for name in ("hip_flexion", "knee_flexion", "ankle_dorsiflexion"):
+        dof = int(twin.model.joint(f"{name}_l").dofadr[0])
+        moment = sosfiltfilt(low_pass, -walk.torque[:, dof] / float(twin.model.body_subtreemass[0]))
+        steps = walk.steps["l"][2:-1]
+        strides = [np.interp(np.linspace(a.t_touch, b.t_touch, 51), walk.t, moment) for a, b in pairwise(steps)]
+        greatest[f"{name.split('_')[0]}_moment_Nm_kg"] = float(np.mean(strides, axis=0).max())
+    return greatest
 
 
 def root_help(twin: Twin, walk: SimulatedWalk) -> tuple[Array, Array]:
