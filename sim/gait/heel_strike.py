@@ -109,7 +109,7 @@ SHOE = ShoeParameters(
     slap=0.50,
     snap=0.20,
     rock_hz=np.array([2.5, 5.0, 10.0]),
-    rock_rate=np.array([[0.083, 0.076, 0.090], [0.060, 0.022, 0.036], [0.058, 0.021, 0.034]]),
+    rock_rate=np.array([[0.107, 0.097, 0.115], [0.060, 0.022, 0.036], [0.058, 0.021, 0.034]]),
     settle_rad=np.array([0.0, -0.075, 0.0]),
     settle_sd_rad=np.array([0.035, 0.020, 0.025]),
     give_sd_m=np.array([0.002, 0.002, 0.002]),
@@ -120,7 +120,7 @@ SHOE = ShoeParameters(
 feet, 56 strikes of one person. The settling is chosen for the angular rate of these feet after 0.1 s of stance, the
 slap, the slowest mode and the size of the others for `benchmarks.driven_feet`, `realism` and `people_feet` together,
 the sway for the rates while this person stands at the end (0.01 rad/s). Of the fitted rocking
-the slow part is 0.7 times as large, as shoes also roll over, and the fast part 1.25 times, for rates and forces in the
+the slow part is 0.9 times as large, as shoes also roll over, and the fast part 1.25 times, for rates and forces in the
 stillest 25, 50, 100 and 150 ms of the stances of `foot_imu_vicon`."""
 
 
