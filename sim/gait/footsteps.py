@@ -479,6 +479,8 @@ def _footstep(
         mode=mode,
         arrival=arrival,
         departure=departure,
+        # the swing goes over an edge and back to this height: toes that rolled would be in the way
+        flat_toes=_riser_height(row.strip, ahead.strip) != 0.0,
         t_touch=row.t_touch,
         t_off=t_off,
         style=row.style,

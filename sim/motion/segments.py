@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from stridetwin.sim.motion.ik import PointSet
 from stridetwin.sim.motion.parameters import MotionParameters
 from stridetwin.sim.motion.rests import FootRest, FootTrack, stances_of
-from stridetwin.sim.motion.skeleton import LENGTHS, Skeleton, length_values, lengths_of, with_lengths, with_twist
+from stridetwin.sim.motion.skeleton import LENGTHS, Skeleton, length_values, lengths_of, with_lengths
 from stridetwin.sim.people import Person
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
@@ -132,8 +132,6 @@ def fit_legs(motion: SegmentMotion, person: Person, parameters: MotionParameters
             lengths = length_values(person)
             lengths[free] = values[: len(free)]
             person = with_lengths(person, lengths)
-    if person.segments is None or person.segments.shank_twist_rad is None:
-        person = with_twist(person, _mean_twist(R, soles))
     hips = motion.hips + R["pelvis"] @ np.array([values[-2], 0.0, values[-1]])
     turned = {f"foot_{side}": R_sole for side, R_sole in soles.items()}
     turned |= {
@@ -196,16 +194,6 @@ def _level_sole(R: Array, rests: list[FootRest], side: str) -> Array:
             R_flat = Rotation.from_rotvec(yaw[:, None] * [0.0, 0.0, 1.0]).as_matrix()
             off.append(Rotation.from_matrix(np.swapaxes(R_rest, 1, 2) @ R_flat).mean())
     return np.asarray(Rotation.concatenate(off).mean().as_matrix())
-
-
-def _mean_twist(R: Mapping[str, Array], soles: Mapping[str, Array]) -> float:
-    """Mean angle by which the feet are turned outward against the shanks, rad."""
-    outward = [
-        out * np.arctan2(ahead[:, 1], ahead[:, 0])
-        for side, out in _SIDES.items()
-        for ahead in [np.einsum("nji,nj->ni", R[f"shank_{side}"], soles[side][..., 0])]
-    ]
-    return float(np.mean(outward))
 
 
 def _slide(motion: SegmentMotion, side: str) -> Array:

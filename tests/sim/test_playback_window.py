@@ -73,7 +73,7 @@ def launch(model, data, **how):
 viewer.launch_passive = launch
 playback_window.check_display()
 walk = SimpleNamespace(duration_s=50.0, position_velocity=moving)
-playback_window.play(SimpleNamespace(config=config, crowd=Crowd(), walk=walk))
+playback_window.play(SimpleNamespace(config=config, seed=1, crowd=Crowd(), walk=walk))
 print(json.dumps(seen))
 """
 """A window with a walker who glides along x at 1 m/s; a thread presses keys and closes it."""
