@@ -125,26 +125,37 @@ def _subtract_scale_error(M: Array, a: int, s: int, R: Mat3, rate: Vec3, dt: flo
 
 
 @njit(**INNER_KERNEL)
-def _are_aligned(pair: Pair) -> bool:
-    """Whether both feet have been aligned at least once."""
-    return bool(pair.feet[0].clock[LEVER_KNOWN] != 0 and pair.feet[1].clock[LEVER_KNOWN] != 0)
+def _is_aligned(pair: Pair, foot: int) -> bool:
+    """Whether a foot has been aligned at least once."""
+    return bool(pair.feet[foot].clock[LEVER_KNOWN] != 0)
 
 
 @njit(**INNER_KERNEL)
-def _widen_start(pair: Pair) -> None:
-    """Makes the right foot's start beside the left one as uncertain as both may have moved before they stood still.
+def _moved_s(pair: Pair) -> float:
+    """Time for which both feet moved before they stood still, added up, s."""
+    total = 0.0
+    for f in range(2):
+        clock = pair.feet[f].clock
+        total += (clock[T_STATIONARY] - clock[T_ALIGN]) * 1e-9
+    return total
+
+
+@njit(**INNER_KERNEL)
+def _widen_start(pair: Pair, before_s: float, moved_s: float) -> None:
+    """Makes the right foot's start beside the left one as uncertain as both may have moved since.
 
     The guess that feet stand side by side is of the first sample. People who stand there do not move; a recording that
     begins in the middle of a walk has feet that stand still one after the other.
+
+    Args:
+        pair: State of both feet.
+        before_s: Time for which they moved that the covariance already knows of.
+        moved_s: Time for which they moved.
     """
-    moved_s = 0.0
-    for f in range(2):
-        clock = pair.feet[f].clock
-        moved_s += (clock[T_STATIONARY] - clock[T_ALIGN]) * 1e-9
-    P, o = pair.covariance, pair.feet[1].row
+    P, o, grown = pair.covariance, pair.feet[1].row, moved_s**2 - before_s**2
     for i in range(3):
-        P[o + D_POSITION + i, o + D_POSITION + i] += (GAP_SPEED_MPS * moved_s) ** 2
-    P[o + D_ATTITUDE + 2, o + D_ATTITUDE + 2] += (GAP_TURN_RATE_RADPS * moved_s) ** 2
+        P[o + D_POSITION + i, o + D_POSITION + i] += GAP_SPEED_MPS**2 * grown
+    P[o + D_ATTITUDE + 2, o + D_ATTITUDE + 2] += GAP_TURN_RATE_RADPS**2 * grown
 
 
 @_entry_kernel
@@ -178,7 +189,8 @@ def run(
         kind, t_ns, f, row = events.kind[k], events.t_ns[k], int(events.foot[k]), events.row[k]
         if kind == IMU:
             memory = pair.feet[f]
-            were_aligned = _are_aligned(pair)
+            begins = not (_is_aligned(pair, 0) and _is_aligned(pair, 1))
+            before_s = _moved_s(pair) if _is_aligned(pair, 1) else 0.0
             rate, scales = vec3_at(events.rate[row], 0), vec3_at(pair.scales[f], 0)
             # without the estimated scale errors of the gyro
             rate = (1.0 - scales[0]) * rate[0], (1.0 - scales[1]) * rate[1], (1.0 - scales[2]) * rate[2]
@@ -189,8 +201,8 @@ def run(
                 phase[k], figure[k] = step_published(memory, feet[f], parameters, t_ns, rate, force)
             else:
                 phase[k], figure[k] = step(memory, feet[f], t_ns, rate, force)
-            if _are_aligned(pair) and not were_aligned:
-                _widen_start(pair)
+            if begins and _is_aligned(pair, 1):
+                _widen_start(pair, before_s, _moved_s(pair))
             inject_all(pair)
             last = k
         else:

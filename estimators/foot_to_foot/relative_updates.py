@@ -16,7 +16,18 @@ from stridetwin.estimators.foot_ins.kalman import (
     spread_measurements,
 )
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
-from stridetwin.estimators.foot_ins.state import D_ATTITUDE, D_GYRO_BIAS, D_POSITION, D_VELOCITY, SERIES_RAD, STATES
+from stridetwin.estimators.foot_ins.state import (
+    ATTITUDE,
+    D_ATTITUDE,
+    D_GYRO_BIAS,
+    D_POSITION,
+    D_VELOCITY,
+    POSITION,
+    SERIES_RAD,
+    STATES,
+    VELOCITY,
+    FilterState,
+)
 from stridetwin.estimators.foot_to_foot.parameters import PairParameters
 from stridetwin.estimators.foot_to_foot.rewind import PastState, rewind
 from stridetwin.estimators.foot_to_foot.state import (
@@ -42,10 +53,13 @@ from stridetwin.streams.algebra.tuples import (
     exp,
     matmul,
     matvec,
+    multiply,
+    normalized,
     quaternion_at,
     rows_cross,
     scale_matrix,
     store_mat3_at,
+    store_quaternion_at,
     store_vec3_at,
     to_matrix,
     transposed,
@@ -61,6 +75,9 @@ _MAX_LINEARIZATIONS = 5  # per image
 # Echoes farther off the predicted distance are from something else, in the published method, which leaves this open;
 # hand-chosen. Doubled: echoes from the floor up to 1 m off are used.
 _MAX_RANGE_MISFIT_M = 0.5
+_APART_RAD = 0.3  # standard deviation of a heading that an image tells better than a linear update would
+_USUAL_DEPTH_M = 0.4  # of a board that a shoe camera sees
+_TURNED_RAD = 0.01  # smaller turns of a foot that is placed anew are left to the update
 _SETTLED_SD = 0.1  # smaller changes of the board's pose, in standard deviations of the image, end the iteration
 
 
@@ -99,6 +116,9 @@ def board_update(
         Length of the innovation in standard deviations, or UNUSED.
     """
     then_ns = t_ns + round(1e9 * pair.late[camera])  # on the IMUs' clock, by the estimated offset of the camera's
+    heading = STATES + D_ATTITUDE + 2  # of the right foot
+    if pair.covariance[heading, heading] > _APART_RAD**2:
+        _place_right_foot(pair, foot, parameters, camera, then_ns, m, points_in_board, rays, ray_sd)
     # states at the exposure: a of the foot with the camera, b of the other
     a = rewind(pair.feet[camera], foot.gravity_mps2, then_ns, parameters.max_delay_s)
     b = rewind(pair.feet[1 - camera], foot.gravity_mps2, then_ns, parameters.max_delay_s)
@@ -134,6 +154,60 @@ def board_update(
     inject_all(pair)
     pair.seen[camera] = t_ns
     return length
+
+
+@njit(**INNER_KERNEL)
+def _place_right_foot(
+    pair: Pair,
+    foot: KernelParameters,
+    parameters: PairParameters,
+    camera: int,
+    then_ns: int,
+    m: int,
+    points_in_board: Array,
+    rays: Array,
+    ray_sd: Array,
+) -> None:
+    """Turns and moves the right foot until its board, or the left one's in its camera, is where an image shows it.
+
+    Feet that began apart (docs/foot_to_foot.md) have headings that no linear update corrects at once: it takes an arc
+    for a straight line. The covariance stays as wide as it is; the update that follows starts from the right place.
+    Arguments are those of `board_update`, and the exposure on the IMUs' clock.
+    """
+    memory, sign = pair.feet[1], 1.0 if camera == 0 else -1.0  # a camera that turns shows the board turn the other way
+    for _ in range(_MAX_LINEARIZATIONS):
+        a = rewind(pair.feet[camera], foot.gravity_mps2, then_ns, parameters.max_delay_s)
+        b = rewind(pair.feet[1 - camera], foot.gravity_mps2, then_ns, parameters.max_delay_s)
+        if not (a.known and b.known):
+            return
+        p, R = board_in_camera(pair, camera, a, b)
+        write_pose_covariance(pair.covariance, pair.work, pair.board)
+        R_world_camera = matmul(a.R, to_matrix(quaternion_at(pair.mounts[CAMERA + camera], 3)))
+        in_front, _ = reduce_measurement(pair.board, p, R, m, points_in_board, rays, ray_sd, 0.0, 1.0)
+        if not in_front:  # the guess is behind the camera: begin where the first point is seen, at a usual distance
+            ahead = (_USUAL_DEPTH_M * rays[0, 0], _USUAL_DEPTH_M * rays[0, 1], _USUAL_DEPTH_M)
+            to_there = matvec(R_world_camera, axpy(ahead, -1.0, p))
+            _move_foot(memory, 0.0, (sign * to_there[0], sign * to_there[1], sign * to_there[2]))
+            continue
+        moved = matvec(R_world_camera, vec3_at(pair.board.moved[0], 0))
+        turn = sign * dot(R_world_camera[2], vec3_at(pair.board.moved[0], 3))
+        if abs(turn) <= _TURNED_RAD:  # the foot looks in the right direction
+            _move_foot(memory, 0.0, (sign * moved[0], sign * moved[1], sign * moved[2]))
+            return
+        _move_foot(memory, turn, (0.0, 0.0, 0.0))
+
+
+@njit(**INNER_KERNEL)
+def _move_foot(memory: FilterState, turn: float, shift: Vec3) -> None:
+    """Turns a foot about the vertical through it, rad, and moves it, m; the start of its path goes with it."""
+    x, up = memory.nominal, (0.0, 0.0, turn)
+    R = to_matrix(exp(up, SERIES_RAD))
+    p = vec3_at(x, POSITION)
+    before = matvec(R, axpy(vec3_at(memory.path, 0), -1.0, p))  # from the foot to the start of its path
+    store_quaternion_at(normalized(multiply(exp(up, SERIES_RAD), quaternion_at(x, ATTITUDE))), x, ATTITUDE)
+    store_vec3_at(matvec(R, vec3_at(x, VELOCITY)), x, VELOCITY)
+    store_vec3_at(axpy(p, 1.0, shift), x, POSITION)
+    store_vec3_at(axpy(axpy(p, 1.0, shift), 1.0, before), memory.path, 0)
 
 
 @njit(**INNER_KERNEL)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from foot_motion import ADIS16485
 
 from benchmarks.real_walks import imu_block
@@ -12,6 +13,7 @@ from stridetwin.estimators.foot_ins import FootIns
 from stridetwin.estimators.foot_to_foot import FootToFoot
 from stridetwin.streams.rig import Mount, Rig
 from stridetwin.streams.samples import Block, Imu
+from stridetwin.studies.jao2020.jao_simulation import JaoSimulation, SteadyWalk
 from tests.streams.foot_imu import STANCE_S, STRIDES, SWING_S, simulate_foot
 
 _RIGHT = replace(ADIS16485, topic="/foot_r/imu", mount=Mount(body="foot_r"))
@@ -54,3 +56,18 @@ def test_two_feet_that_stop_one_after_the_other_began_anywhere() -> None:
         spreads[name] = np.sqrt(covariance[0, 0])
     assert spreads["still"] < 0.2
     assert 1.0 < spreads["moving"] < 2.0  # a second at the speed of a wearer who walks on
+
+
+@pytest.mark.parametrize("skipped_s", [0.8, 1.2, 1.6])
+def test_an_image_puts_the_feet_together_that_began_apart(skipped_s: float) -> None:
+    """The paper's walk from the middle of a swing on: its feet end as far apart as they do."""
+    simulation = JaoSimulation(SteadyWalk(strides=6))
+    rng = np.random.default_rng(3)
+    imus, aids = simulation.inertial(rng)[0], simulation.aiding_measurements(rng)
+    begin_ns = min(aid.t_ns for aid in aids) + round(1e9 * skipped_s)
+    kept = {foot: block[block.t_ns >= begin_ns] for foot, block in imus.items()}
+    paths = FootToFoot(simulation.rig).run(kept, [aid for aid in aids if aid.t_ns >= begin_ns])
+    ends = {foot: path.trajectory.p_frame_in_world[-1] for foot, path in paths.items()}
+    truth = {foot: -simulation.end_error(foot, np.zeros(3)) for foot in ends}
+    apart, truly_apart = ends["l"] - ends["r"], truth["l"] - truth["r"]
+    assert abs(np.linalg.norm(apart) - np.linalg.norm(truly_apart)) < 0.03
