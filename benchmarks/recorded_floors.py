@@ -22,7 +22,7 @@ from scipy.optimize import nnls
 from scipy.signal import butter, sosfiltfilt
 
 from benchmarks.command import answer, command
-from benchmarks.real_walks import data_folder, load_markers, load_vicon
+from benchmarks.real_walks import ViconWalk, data_folder, load_markers, load_vicon
 from stridetwin.estimators.foot_ins import FootIns, FootInsParameters
 from stridetwin.sim.world.uneven_floor import APART_M, GROWTH
 from stridetwin.streams.errors import StrideTwinError
@@ -91,7 +91,7 @@ def untilt(places: Array, slope: Array) -> Array:
     return np.column_stack([places[:, :2], places[:, 2] - places[:, :2] @ slope])
 
 
-def rises_of_imu(walk: Any, rows: Array) -> Array:
+def rises_of_imu(walk: ViconWalk, rows: Array) -> Array:
     """(K - 1,) m, what the foot INS with every floor new rises between the rests at these rows."""
     path = FootIns(parameters=FootInsParameters(same_floor=0.0)).run(walk.imu).trajectory
     return np.diff(np.interp(walk.imu.t_ns[rows], path.t_ns, path.p_frame_in_world[:, 2]))

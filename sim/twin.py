@@ -47,7 +47,8 @@ from stridetwin.streams.samples import Array, Block, Sample
 
 CHUNK_S = 2.0  # length of a chunk of samples
 _FILM_SMOOTHING_S = 0.6  # SD of the filter of the film camera's path
-_STEPS, _JOINT_TORQUE, _SHOE, _CROWD, _CASE, _MOUNT, _BODY = range(7)  # streams of random numbers of a walk
+# streams of random numbers of a walk; `world.uneven_floor` has number 7
+_STEPS, _JOINT_TORQUE, _SHOE, _CROWD, _CASE, _MOUNT, _BODY = range(7)
 
 
 class Twin:

@@ -379,23 +379,23 @@ def main() -> None:
     args = parser.parse_args()
     bodies = [Walker(person) for person in BODIES]
     vectors = np.array([style.to_vector() for style in START.values()])
-    found = np.array([np.interp(PACES, list(START), values) for values in vectors.T]).T
+    styles = np.array([np.interp(PACES, list(START), values) for values in vectors.T]).T
     fitted = np.ones(len(LABELS), dtype=bool)
     if args.fields or args.paces:
-        found = np.array([level_style(pace).to_vector() for pace in PACES])
+        styles = np.array([level_style(pace).to_vector() for pace in PACES])
         fitted = np.concatenate([np.full(n, name in (args.fields or SIZES)) for name, n in SIZES.items()])
     for _ in range(args.sweeps):
         for pace in args.paces or PACES:
             k = PACES.index(pace)
-            found[k] = fit(pace, found[k], between_neighbours(found, k), bodies, args.rounds, fitted)
-            write(found)
+            styles[k] = fit(pace, styles[k], between_neighbours(styles, k), bodies, args.rounds, fitted)
+            write(styles)
 
 
-def between_neighbours(found: Array, k: int) -> Array:
+def between_neighbours(styles: Array, k: int) -> Array:
     """Style on the line through the two nearest other speeds."""
     i, j = sorted(range(len(PACES)), key=lambda other: abs(other - k))[1:3]
     share = (PACES[k] - PACES[i]) / (PACES[j] - PACES[i])
-    return np.asarray((1.0 - share) * found[i] + share * found[j])
+    return np.asarray((1.0 - share) * styles[i] + share * styles[j])
 
 
 if __name__ == "__main__":

@@ -62,7 +62,7 @@ SCALE_ACROSS, SCALE_ALONG, DELAY, CREEP_FORWARD, CREEP_LEFT, CREEP_DOWN = range(
 CONSIDERED = 6
 LEVELLED = 7  # entries of `levelled`
 CREEP = 7  # entries of `creep`
-STRAIGHT = 24  # entries of `straight`
+STRAIGHT = 23  # entries of `straight`
 ALONE = STATES + CONSIDERED  # rows of the covariance of a foot alone
 UNLEARNT_VARIANCE, UNLEARNT_TURN, UNLEARNT_POSITION, UNLEARNT_HEIGHT = 0, 1, 2, 5  # entries of `unlearnt`
 RING = 64  # samples available to the statistic; 35 ms at 1.8 kHz
@@ -107,7 +107,7 @@ class FilterState(NamedTuple):
             which one channel is late, s; creep of a shoe forward and left, as shares of a stride, and down, m.
         levelled: (7,) of heights that a level floor or the drift took away, entries in module `slope`.
         creep: (7,) position of the last stance, m, and how the shoe creeps in this one, entries in module `creep`.
-        straight: (24,) of the straight way so far, entries in module `straight`.
+        straight: (23,) of the straight way so far, entries in module `straight`.
         start_s: (1,) time of the first sample, s.
         prior: (7, 7) covariance of gyro bias, accelerometer bias and gyro scale from an earlier recording; 0: none.
         filled: (5,) length (s) and added variance of the line that the rates are on, and the forces; 1 if there was any

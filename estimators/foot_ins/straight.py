@@ -30,11 +30,11 @@ _CURVE_SD_PER_M = 0.004  # standard deviation of its curvature, 1/m
 
 # Entries of `FilterState.straight`: number of strides; time of the first and last stance, s; position of the last one,
 # m; bias at the beginning, rad/s; direction of the first stride, rad, and of the last one; end of the polyline of the
-# strides, m (two entries); way, m; sums of the powers 0 to 4 of the way; sums of the offset to the left times the
-# powers 0 to 2, and of its square; way at which it counted last, m; information then, and the bias that it told, rad/s;
-# variance of the bias at the beginning, (rad/s)²
-STRIDES, T_FIRST, T_LAST, PLACE, BIAS, COURSE, LAST_COURSE, END, WAY = 0, 1, 2, 3, 5, 6, 7, 8, 10
-POWERS, OFFSETS, SQUARES, COUNTED_WAY, USED, USED_BIAS, VARIANCE = 11, 16, 19, 20, 21, 22, 23
+# strides, m: along the first one, which is the way, and to its left; sums of the powers 0 to 4 of the way; sums of the
+# offset to the left times the powers 0 to 2, and of its square; way at which it counted last, m; information then, and
+# the bias that it told, rad/s; variance of the bias at the beginning, (rad/s)²
+STRIDES, T_FIRST, T_LAST, PLACE, BIAS, COURSE, LAST_COURSE, END = 0, 1, 2, 3, 5, 6, 7, 8
+POWERS, OFFSETS, SQUARES, COUNTED_WAY, USED, USED_BIAS, VARIANCE = 10, 15, 18, 19, 20, 21, 22
 
 
 @njit(**INNER_KERNEL)
@@ -87,7 +87,6 @@ def learn_bias_on_straight_way(memory: state.FilterState, parameters: KernelPara
             way[OFFSETS + i] += offset * power
         power *= s
     way[SQUARES] += offset * offset
-    way[WAY] = s
     if s >= max(_LEAST_WAY_M, _LONGER * way[COUNTED_WAY]) and way[STRIDES] >= _LEAST_STRIDES:
         _use_way(memory, parameters, seconds, bias)
 
@@ -154,7 +153,7 @@ def _use_way(memory: state.FilterState, parameters: KernelParameters, seconds: f
     """
     way, P, o, work = memory.straight, memory.covariance, memory.row, memory.work
     _, _, bend, _ = _fit_arc(memory)
-    s = way[WAY]
+    s = way[END]
     speed = s / (seconds - way[T_FIRST])
     told = way[BIAS] + 2.0 * bend * speed
     variance = (8.0 * parameters.wander_m * speed / s**2) ** 2

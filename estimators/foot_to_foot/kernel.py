@@ -131,7 +131,7 @@ def _is_aligned(pair: Pair, foot: int) -> bool:
 
 
 @njit(**INNER_KERNEL)
-def _moved_s(pair: Pair) -> float:
+def _measure_moving_time(pair: Pair) -> float:
     """Time for which both feet moved before they stood still, added up, s."""
     total = 0.0
     for f in range(2):
@@ -190,7 +190,7 @@ def run(
         if kind == IMU:
             memory = pair.feet[f]
             begins = not (_is_aligned(pair, 0) and _is_aligned(pair, 1))
-            before_s = _moved_s(pair) if _is_aligned(pair, 1) else 0.0
+            before_s = _measure_moving_time(pair) if _is_aligned(pair, 1) else 0.0
             rate, scales = vec3_at(events.rate[row], 0), vec3_at(pair.scales[f], 0)
             # without the estimated scale errors of the gyro
             rate = (1.0 - scales[0]) * rate[0], (1.0 - scales[1]) * rate[1], (1.0 - scales[2]) * rate[2]
@@ -202,7 +202,7 @@ def run(
             else:
                 phase[k], figure[k] = step(memory, feet[f], t_ns, rate, force)
             if begins and _is_aligned(pair, 1):
-                _widen_start(pair, before_s, _moved_s(pair))
+                _widen_start(pair, before_s, _measure_moving_time(pair))
             inject_all(pair)
             last = k
         else:

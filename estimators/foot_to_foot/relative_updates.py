@@ -200,11 +200,10 @@ def _place_right_foot(
 @njit(**INNER_KERNEL)
 def _move_foot(memory: FilterState, turn: float, shift: Vec3) -> None:
     """Turns a foot about the vertical through it, rad, and moves it, m; the start of its path goes with it."""
-    x, up = memory.nominal, (0.0, 0.0, turn)
-    R = to_matrix(exp(up, SERIES_RAD))
-    p = vec3_at(x, POSITION)
+    x, turned = memory.nominal, exp((0.0, 0.0, turn), SERIES_RAD)
+    R, p = to_matrix(turned), vec3_at(memory.nominal, POSITION)
     before = matvec(R, axpy(vec3_at(memory.path, 0), -1.0, p))  # from the foot to the start of its path
-    store_quaternion_at(normalized(multiply(exp(up, SERIES_RAD), quaternion_at(x, ATTITUDE))), x, ATTITUDE)
+    store_quaternion_at(normalized(multiply(turned, quaternion_at(x, ATTITUDE))), x, ATTITUDE)
     store_vec3_at(matvec(R, vec3_at(x, VELOCITY)), x, VELOCITY)
     store_vec3_at(axpy(p, 1.0, shift), x, POSITION)
     store_vec3_at(axpy(axpy(p, 1.0, shift), 1.0, before), memory.path, 0)

@@ -260,8 +260,7 @@ def _stance_poses(step: Footstep, shoe: Shoe, theta: Array, t: Array) -> tuple[A
     shift = pivot - np.einsum("nij,nj->ni", tilt, pivot)  # (N, 3) m, c − R_y(θ) c, in the axes of the footprint
     roll = np.zeros(len(t))
     if step.rolls_off:
-        late = t > step.t_touch + FLAT_BY * (step.t_off - step.t_touch) if np.isfinite(step.t_touch) else True
-        roll = np.where(late, toe_roll(step, theta), 0.0)
+        roll = toe_roll(step, theta, t)
         tip = _tip_from_hinge(shoe)
         shift = shift + tip - rot_y(roll) @ tip
     if step.twist is not None:
@@ -272,8 +271,8 @@ def _stance_poses(step: Footstep, shoe: Shoe, theta: Array, t: Array) -> tuple[A
     return step.p_foot_in_world + shift @ base.T, base @ tilt, np.maximum(theta, 0.0) - roll
 
 
-def toe_roll(step: Footstep, theta: Array) -> Array:
-    """(N,) rad, by which the toes have rolled over their tip before toe-off, at (N,) pitches of the foot.
+def toe_roll(step: Footstep, theta: Array, t: Array) -> Array:
+    """(N,) rad, by which the toes have rolled over their tip before toe-off, at (N,) pitches of the foot and (N,) s.
 
     The angle between foot and toes follows the pitch up to `_TOES_BEND_RAD` and then softly reaches its limit, half of
     `_TOES_YIELD_RAD` later; the toes lift by the rest: the integral of a minimum-jerk step (`ease`).
@@ -282,7 +281,10 @@ def toe_roll(step: Footstep, theta: Array) -> Array:
         return np.zeros_like(theta)
     x = (theta - _TOES_BEND_RAD - step.toes_bend_rad) / _TOES_YIELD_RAD
     inner = np.clip(x, 0.0, 1.0)
-    return _TOES_YIELD_RAD * (inner**4 * (2.5 + inner * (inner - 3.0)) + np.maximum(x - 1.0, 0.0))
+    roll = _TOES_YIELD_RAD * (inner**4 * (2.5 + inner * (inner - 3.0)) + np.maximum(x - 1.0, 0.0))
+    # a foot that landed on its toes is pitched early in stance, too, without rolling off
+    late = t > step.t_touch + FLAT_BY * (step.t_off - step.t_touch) if np.isfinite(step.t_touch) else True
+    return np.where(late, roll, 0.0)
 
 
 def _tip_from_hinge(shoe: Shoe) -> Array:
@@ -382,7 +384,7 @@ def _toe_ends(a: Footstep, b: Footstep, pitch: Callable[[Array], Array]) -> tupl
     ends = np.array([a.t_off, b.t_touch])
     # pitch at both ends, shortly after them and shortly before them; columns: toe-off, touch-down
     bend = pitch(np.concatenate([ends, ends + h, ends - h])).reshape(3, 2)
-    bend[:, 0] -= toe_roll(a, bend[:, 0])
+    bend[:, 0] -= toe_roll(a, bend[:, 0], a.t_off + np.array([0.0, h, -h]))
     (toe_a, toe_b), after, before = bend
     rate_a, rate_b = (after - before) / (2 * h) * _usual_swing_s(a, b)  # per second, then per share of swing
     if a.departure == "back":  # the heel is the last on the ground, with straight toes

@@ -11,7 +11,6 @@ from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
 
 from stridetwin.sim.gait.foot_path import STOPPING_S, landing_lag, rows_within, toe_roll
-from stridetwin.sim.gait.foot_pitch import FLAT_BY
 from stridetwin.sim.gait.footsteps import SETTLE_S, WEIGHT_SHIFT_S, Footstep
 from stridetwin.sim.gait.style import TRAVEL_KNOTS
 from stridetwin.sim.kinematics.smooth import ease
@@ -236,8 +235,7 @@ def _limit_to_contact(x: Array, t: Array, step: Footstep, pitch: Array, shoe: Sh
         if step.departure == "back":
             last = np.full_like(x, (shoe.heel_back_x + _HEEL_MARGIN_M) / shoe.toe_hinge_x)
         x = x + (last - x) * ease((t - flat_until) / _PASSING_S + 1.0)
-        late = t > step.t_touch + FLAT_BY * (step.t_off - step.t_touch) if np.isfinite(step.t_touch) else True
-        rolled = np.where(late, toe_roll(step, pitch), 0.0)
+        rolled = toe_roll(step, pitch, t)
         x = x + (np.maximum(x, shoe.flat_tip_x / shoe.toe_hinge_x) - x) * ease(rolled / _ROLLING_RAD)
     return x
 

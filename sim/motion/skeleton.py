@@ -11,17 +11,18 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.sim.config import SIDES
 from stridetwin.sim.kinematics.coordinates import Coordinates
 from stridetwin.sim.people import Person, Segments
 from stridetwin.sim.wearer.anthropometry import SHOE_OVER_FOOT_M, anthropometry
 from stridetwin.sim.wearer.body import add_wearer, compile_model
 from stridetwin.sim.wearer.dimensions import Wearer
+from stridetwin.sim.wearer.exoskeleton import outward
 from stridetwin.streams.algebra.arrays import from_quaternion, rot_z
 from stridetwin.streams.samples import Array
 
 LENGTHS = (*(field.name for field in fields(Segments) if field.name.endswith("_m")), "shoe_m")
 """Names of the lengths that are fitted to a person."""
-_OUTWARD = {"l": 1.0, "r": -1.0}  # direction about the vertical in which a foot turns outward
 _STEP_M = 0.01  # of the differences by which the places of bodies change with the lengths
 
 
@@ -124,8 +125,8 @@ class Skeleton:
     def with_twist(self, twist_rad: float) -> Skeleton:
         """The skeleton with feet that are turned outward against the knees by another angle."""
         turn = self.turn.copy()
-        for side, outward in _OUTWARD.items():
-            turn[self.index(f"foot_{side}")] = rot_z(np.array(outward * twist_rad))
+        for side in SIDES:
+            turn[self.index(f"foot_{side}")] = rot_z(np.array(outward(side) * twist_rad))
         return replace(self, turn=turn)
 
     def poses(self, x: Array) -> Poses:
@@ -164,11 +165,12 @@ class Skeleton:
     def twist_jacobian(self, poses: Poses, bodies: NDArray[np.int64], points: Array) -> Array:
         """(N, P, 3) 1/rad, derivatives of (N, P, 3) points on (P,) bodies by the twist of both shanks."""
         J = np.zeros_like(points)
-        for side, outward in _OUTWARD.items():
+        for side in SIDES:
             ankle = self.column(f"ankle_dorsiflexion_{side}")
             beyond = np.flatnonzero(self.carries[bodies, ankle])
             shank = poses.R[:, self.index(f"shank_{side}")]
-            J[:, beyond] = outward * _cross(shank[:, None, :, 2], points[:, beyond] - poses.anchors[:, None, ankle])
+            arm = points[:, beyond] - poses.anchors[:, None, ankle]
+            J[:, beyond] = outward(side) * _cross(shank[:, None, :, 2], arm)
         return J
 
     def gather(

@@ -71,7 +71,7 @@ def test_a_short_way_tells_nothing(way_m: float) -> None:
 def test_a_pause_and_a_turn_begin_a_new_way() -> None:
     memory = blank_foot()
     walk(memory, 16.0)
-    assert memory.straight[straight.WAY] > 12.0
+    assert memory.straight[straight.END] > 12.0
     x, seconds = memory.straight[straight.PLACE], memory.straight[straight.T_LAST]
     stand_at(memory, x + STRIDE_M, 0.0, seconds + 5.0)  # a stop of some seconds
     assert memory.straight[straight.STRIDES] == 0.0

@@ -33,6 +33,19 @@ def twin() -> Twin:
     return Twin(CONFIG, 3)
 
 
+def stand_from_zero(lasting: float) -> Stance:
+    """A stance of the left foot at the origin from 0 s on."""
+    return Stance(
+        foot="l",
+        p_foot_in_world=np.zeros(3),
+        R_world_sole=np.eye(3),
+        terrain="level",
+        mode="LG",
+        t_touch=0.0,
+        t_off=lasting,
+    )
+
+
 def every(twin: Twin, rate_hz: float, begin: float = 0.0, end: float | None = None) -> Array:
     end = twin.duration_s if end is None else end
     return np.round(np.arange(begin, end, 1 / rate_hz) * 1e9).astype(np.int64)
@@ -225,15 +238,7 @@ def test_a_shoe_rolls_over_the_ground_from_heel_to_ball_without_slip() -> None:
         give_sd_m=np.zeros(3),
     )
     pivot = np.array([0.11, 0.0, 0.085])
-    stance = Stance(
-        foot="l",
-        p_foot_in_world=np.zeros(3),
-        R_world_sole=np.eye(3),
-        terrain="level",
-        mode="LG",
-        t_touch=0.0,
-        t_off=0.65,
-    )
+    stance = stand_from_zero(0.65)
     upper = UpperMotion.of(
         [stance], lambda t: np.zeros(len(t)), lambda t: np.ones(len(t)), pivot, np.random.default_rng(0), shoe
     )
@@ -264,15 +269,7 @@ def test_a_landing_has_settled_by_the_middle_of_a_runners_stance() -> None:
     )
     turned = {}
     for lasting in (0.61, 0.30, 0.20):
-        stance = Stance(
-            foot="l",
-            p_foot_in_world=np.zeros(3),
-            R_world_sole=np.eye(3),
-            terrain="level",
-            mode="LG",
-            t_touch=0.0,
-            t_off=lasting,
-        )
+        stance = stand_from_zero(lasting)
         upper = UpperMotion.of(
             [stance],
             lambda t: np.zeros(len(t)),

@@ -50,7 +50,7 @@ def _tip_and_hinge(twin: Twin, step: Footstep, t: Array) -> tuple[Array, Array]:
 def test_toes_bend_first_and_the_rest_of_the_pitch_lifts_them(walk: Twin) -> None:
     step = _inner_steps(walk)[0]
     pitch = np.linspace(-0.3, 1.3, 1601)
-    roll = toe_roll(step, pitch)
+    roll = toe_roll(step, pitch, np.full(len(pitch), step.t_off))
     bend = np.maximum(pitch, 0.0) - roll
     assert np.all(roll[pitch < 0.2] == 0.0)
     assert np.all(np.diff(roll) >= 0.0)

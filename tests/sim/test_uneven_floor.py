@@ -37,7 +37,7 @@ def _walk_on(route: Route, physics: str = "kinematic", exo: Exo | None = None) -
 
 
 @pytest.fixture(scope="module")
-def walked() -> Twin:
+def walk() -> Twin:
     return _walk_on(ROUTE)
 
 
@@ -98,25 +98,25 @@ def test_an_exact_floor_is_what_it_was() -> None:
     assert Terrain.from_route(replace(ROUTE, unevenness_m=0.0), 5).layout == lay_out(replace(ROUTE, unevenness_m=0.0))
 
 
-def test_soles_rest_on_the_ground_under_them(walked: Twin) -> None:
-    shoe = walked.size.shoe
+def test_soles_rest_on_the_ground_under_them(walk: Twin) -> None:
+    shoe = walk.size.shoe
     corners = np.array([[x, y, 0.0] for x in (0.0, shoe.toe_hinge_x) for y in (-shoe.half_width, shoe.half_width)])
     heights = []
-    for stance in walked.walk.stances():
+    for stance in walk.walk.stances():
         points = stance.p_foot_in_world + corners @ stance.R_world_sole.T
-        above = points[:, 2] - walked.terrain.height(points[:, :2])
+        above = points[:, 2] - walk.terrain.height(points[:, :2])
         on_ground = abs(above) < 0.02  # others are beyond an edge
         assert on_ground.sum() >= 2
         assert abs(above[on_ground]).max() < 2e-3
-        heights.append(float(walked.terrain.height(stance.p_foot_in_world[:2])))
-    exact = [float(EXACT.height(stance.p_foot_in_world[:2])) for stance in walked.walk.stances()]
+        heights.append(float(walk.terrain.height(stance.p_foot_in_world[:2])))
+    exact = [float(EXACT.height(stance.p_foot_in_world[:2])) for stance in walk.walk.stances()]
     assert np.std(np.subtract(heights, exact)) > 1e-3
 
 
-def test_truth_of_a_resting_foot_is_on_the_floor(walked: Twin) -> None:
-    stance = next(s for s in walked.walk.steps["l"] if math.isfinite(s.t_touch) and math.isfinite(s.t_off))
+def test_truth_of_a_resting_foot_is_on_the_floor(walk: Twin) -> None:
+    stance = next(s for s in walk.walk.steps["l"] if math.isfinite(s.t_touch) and math.isfinite(s.t_off))
     middle = np.array([round(1e9 * (0.6 * stance.t_touch + 0.4 * stance.t_off))], dtype=np.int64)
-    foot = walked.player().motion(middle).tracks["foot_l"]
+    foot = walk.player().motion(middle).tracks["foot_l"]
     np.testing.assert_allclose(foot.p_body_in_world[0], stance.p_foot_in_world, atol=1e-3)
     np.testing.assert_allclose(foot.rotation.as_matrix()[0], stance.R_world_sole, atol=0.02)
 
